@@ -16,7 +16,7 @@ import calibration
 import clradar as cl
 import measurement_io
 from clradar.cli import options as opt, parse
-from clradar.cli.images import Content, ImageInput, rms_db
+from clradar.cli.images import Content, open_image, rms_db
 from clradar.cli.outputs import save
 from clradar.compare.metrics import metrics_of
 from clradar.errors import CompareError, warn
@@ -39,11 +39,11 @@ class Frames:
         self.path, self.files = path, dict[int, Path]()
         self.read: Callable[[int], Content]
         if not path.is_dir():
-            content = ImageInput.open(path).content
+            content = open_image(path)
             self.read = lambda _: content
         elif any(path.glob("*.h5")) and not any(path.glob("radar_*")):
             self.files = _captures_by_number(path, variant)
-            self.read = lambda number: ImageInput.open(self.files[number]).content
+            self.read = lambda number: open_image(self.files[number])
         else:
             from measurement_io.maroon.folders import frames
 

@@ -12,7 +12,7 @@ import clradar as cl
 import measurement_io
 from clradar.cli import options as opt, outputs as out, parse
 from clradar.cli.console import counted, print_line, print_warning, progress_bar
-from clradar.cli.images import ImageInput, ReadOnAccess
+from clradar.cli.images import ReadOnAccess, open_image
 from clradar.errors import MeasurementError, ModelError
 from clradar.files.failures import fail
 from clradar.jobs.lock import made_folder
@@ -155,8 +155,7 @@ def export_command(
     from measurement_io.export import FORMATS
 
     parse.ends_in(*FORMATS)("-o", output)
-    loaded = ImageInput.open(source, frames)
-    content: Any = loaded.content
+    content: Any = open_image(source, frames)
     if depth_map and isinstance(content, cl.Capture):
         raise opt.wrong_usage("--depth-map", f"expected a volume, got a capture: {source}")
     if depth_map or (output.suffix.lower() == ".ply" and not isinstance(content, cl.Capture)):

@@ -15,10 +15,11 @@ from clradar.cli.console import counted, print_line, print_text, progress_bar
 from clradar.cli.images import (
     SIMULATION_FILES,
     Comparison,
-    ImageInput,
     Measurement,
     common_grid,
-    measurement,
+    form_image,
+    open_image,
+    radar_of,
     simulated_surface,
     write_simulation,
 )
@@ -69,12 +70,12 @@ def align_command(
         settings["dynamic_range_db"] = dynamic_range_db
     scene = None if mesh is None else cl.Scene.from_mesh(mesh, unit=unit.unit)
     opened = open_devices(device).first
-    images = [ImageInput.open(measured, frames)]
-    instrument = {} if scene is None else images[0].radar_or(radar)
+    images = [open_image(measured, frames)]
+    instrument = {} if scene is None else radar_of(measured, images[0], radar)
     if scene is None:
-        images.append(ImageInput.open(path))
+        images.append(open_image(path))
     grid = common_grid(voxels, *images, device=opened)
-    volumes = [image.volume(grid, imaging, opened) for image in images]
+    volumes = [form_image(image, grid, imaging, opened) for image in images]
     with progress_bar("aligning") as progress:
         if scene is None:
             result = calibration.align(*volumes, progress=progress, **settings)
@@ -129,7 +130,7 @@ def register_command(
     how["fit_alpha"] = fitted and not physical
     scene = made_of.on(cl.Scene.from_mesh(mesh, alpha=0.5 if fitted else alpha, unit=unit))
     opened = open_devices(device).first
-    found = measurement(measured, frames, radar, voxels, opt.ImagingOptions(), opened)
+    found = Measurement(measured, frames, radar, voxels, opt.ImagingOptions(), opened)
     with progress_bar("registering") as progress:
         how |= {"device": opened, "progress": progress, **found.radar}
         result = calibration.register(found.volume, scene, **how)
@@ -138,7 +139,7 @@ def register_command(
         label += f", \N{GREEK SMALL LETTER ALPHA} = {alpha:.2f}"
     elif result.capture.meta["settings"]["estimator"] == opt.PHYSICAL:
         label += f", {simulated_surface(result.capture.meta)}"
-    compared = Comparison.of([found.volume, result.volume], [label])
+    compared = Comparison([found.volume, result.volume], [label])
     rounds = [
         {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}
         for r in result.rounds
@@ -197,7 +198,7 @@ def fit_hand_command(
     alpha = None if fitting.alpha == parse.FIT else fitting.alpha
     settings = {**fitting.settings(fitting.pose), "alpha": alpha, "closed_loop": not fitting.quick}
     opened = open_devices(device).first
-    found = measurement(measured, frame, radar, voxels, imaging, opened)
+    found = Measurement(measured, frame, radar, voxels, imaging, opened)
     with progress_bar("fitting") as progress:
         settings |= {"device": opened, "progress": progress, **found.radar}
         fit = calibration.fit_hand(found.volume, **settings)
@@ -236,7 +237,7 @@ def write_hand_fit(
     with warnings.catch_warnings():
         # That the start is another pose is no news; the table has what differs.
         warnings.simplefilter("ignore", ClradarWarning)
-        compared = Comparison.of([measured.volume, before, after], labels)
+        compared = Comparison([measured.volume, before, after], labels)
     metrics = dict(zip(("before", "after"), (m.to_dict() for m in compared.metrics), strict=True))
     simulated = (fit.scene, capture, after)
     write_simulation(folder, measured.path, simulated, compared, metrics, **more)

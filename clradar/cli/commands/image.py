@@ -17,10 +17,10 @@ import clradar as cl
 from clradar.cli import options as opt, parse
 from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.images import (
-    ImageInput,
     form_image,
     grid_for,
     nothing_to_draw,
+    open_image,
     title_of,
     volume_figure,
 )
@@ -103,7 +103,7 @@ class ImageOptions(opt.GridOptions, opt.ImagingOptions):
 
 
 def capture_of(path: Path, frames: opt.FrameOptions) -> cl.Capture:
-    found = ImageInput.open(path, frames).content
+    found = open_image(path, frames)
     if isinstance(found, cl.Volume):
         raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {path}")
     return found
@@ -332,7 +332,7 @@ def image_command(
     if not to_write:
         raise opt.wrong_usage("-o", "expected a volume to write, or --png, or --report; got none")
     folder = to_write[0].with_name(f"{to_write[0].name}.parts")
-    content, range_db = ImageInput.open(captures[0], frames).content, depth.dynamic_range_db
+    content, range_db = open_image(captures[0], frames), depth.dynamic_range_db
     several, volume = len(captures) > 1, isinstance(content, cl.Volume)
     if several and volume:
         raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {captures[0]}")

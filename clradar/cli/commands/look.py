@@ -22,10 +22,11 @@ from clradar.cli.console import (
 )
 from clradar.cli.images import (
     Comparison,
-    ImageInput,
     common_grid,
     figure_labels,
     figure_of,
+    form_image,
+    open_image,
     recording_title,
 )
 from clradar.cli.outputs import provenance, write
@@ -162,15 +163,15 @@ def compare_command(
     """Captures are imaged first: on the grid of the options, else that of the first volume, else
     around the echoes of MEASURED, whose --frame and --variant are. Metrics: docs/metrics.md.
     """
-    images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
-    imaged = all(image.grid is not None for image in images)
+    images = [open_image(measured, frames), *map(open_image, simulated)]
+    imaged = all(isinstance(image, cl.Volume) for image in images)
     opened = None if imaged else open_devices(device).first
     grid = common_grid(voxels, *images, device=opened)
-    volumes = [image.volume(grid, imaging, opened) for image in images]
+    volumes = [form_image(image, grid, imaging, opened) for image in images]
     labels = figure_labels(simulated, [volume.meta for volume in volumes[1:]])
     if measured.is_dir() and frames.frame is None and any(path.is_dir() for path in simulated):
         print_line("the first frames are compared; `clradar process` compares every one")
-    compared = Comparison.of(volumes, labels, depth.dynamic_range_db)
+    compared = Comparison(volumes, labels, depth.dynamic_range_db)
     compared.print()
     recording = recording_title(volumes[0].meta)
     label = f"Measurement: {recording}" if recording else "Measurement"

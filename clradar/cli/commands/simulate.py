@@ -350,7 +350,7 @@ def run_demo(
         volumes.append(out.write(folder / f"{name}_volume.h5", image, **how))
         print_line(f"{name}: simulated and imaged in {perf_counter() - start_s:.1f} s")
     first, *paths = (Path(f"{name}_volume.h5") for name in simulated)
-    compared = Comparison.of(volumes, figure_labels(paths, [v.meta for v in volumes[1:]]))
+    compared = Comparison(volumes, figure_labels(paths, [v.meta for v in volumes[1:]]))
     found = {"measured": str(first), "simulated": compared.records(paths)}
     out.write(folder / "metrics.json", {**found, "device": device.describe()}, **how)
     compared.print()

@@ -15,7 +15,7 @@ import calibration
 import clradar as cl
 from clradar.cli import options as opt, parse
 from clradar.cli.console import print_line, print_table, print_text, progress_bar
-from clradar.cli.images import Measurement, measurement, write_csv
+from clradar.cli.images import Measurement, write_csv
 from clradar.cli.outputs import begun, check_folder, write
 from clradar.compare.images import depth_map_of
 from clradar.compare.metrics import METRIC_TABLE
@@ -147,7 +147,7 @@ def sweep_command(
         kind = calibration.Regions
         known = {PARTS: kind.of_parts, FINGERS: kind.of_fingers}
         labels = known.get(regions, partial(kind.read, Path(regions)))(scene)
-    found = measurement(measured, frames, radar, voxels, imaging, devices.first)
+    found = Measurement(measured, frames, radar, voxels, imaging, devices.first)
     images = {**imaging.arguments, "dynamic_range_db": depth.dynamic_range_db}
     # What cannot be compared replaces no earlier sweep.
     depth_map_of(found.volume, depth.dynamic_range_db, str(measured))
