@@ -25,18 +25,18 @@ def one_line(text: object) -> str:
     return quoted(text, sys.maxsize)
 
 
-def print_error(text: object, kind: str = "error: ") -> None:
+def error(text: object, kind: str = "error: ") -> None:
     """Print one line, of the reason why a command failed; of another kind where that is given."""
     _print(f"clradar: {kind}{one_line(text)}", sys.stderr)
 
 
-def print_warning(text: object) -> None:
+def warning(text: object) -> None:
     """Print one line about a result that is probably not as intended."""
-    print_error(text, "warning: ")
+    error(text, "warning: ")
 
 
 @contextmanager
-def printed_log(wanted: bool) -> Iterator[None]:
+def log(wanted: bool) -> Iterator[None]:
     """Print what the packages log while the block runs, as lines on stderr, if that is wanted."""
     if not wanted:
         yield
@@ -53,12 +53,12 @@ def printed_log(wanted: bool) -> Iterator[None]:
         log.removeHandler(handler)
 
 
-def print_line(text: object) -> None:
+def line(text: object) -> None:
     """Print one line of a result, at once."""
     _print(one_line(text), sys.stdout)
 
 
-def print_text(text: str) -> None:
+def text(text: str) -> None:
     """Print lines of a result as they are."""
     _print(text, sys.stdout)
 
@@ -83,7 +83,7 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def print_table(
+def table(
     columns: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()
 ) -> None:
     """Print a table; the columns named in `right` are aligned to the right, others may wrap."""
@@ -116,7 +116,7 @@ def print_table(
         table.add_row(*row)
     with console.capture() as captured:
         console.print(table)
-    print_text(captured.get().removesuffix("\n"))
+    text(captured.get().removesuffix("\n"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ class _Bar:
 
 
 @contextmanager
-def progress_bar(label: str) -> Iterator[Progress | None]:
+def bar(label: str) -> Iterator[Progress | None]:
     """Show a progress bar on stderr while the block runs, where stderr is a terminal."""
     if not sys.stderr.isatty():
         yield None

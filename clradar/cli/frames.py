@@ -15,9 +15,7 @@ import numpy as np
 import calibration
 import clradar as cl
 import measurement_io
-from clradar.cli import options as opt, parse
-from clradar.cli.images import Content, open_image, rms_db
-from clradar.cli.outputs import save
+from clradar.cli import images as img, options as opt, outputs as out, parse
 from clradar.compare.metrics import metrics_of
 from clradar.errors import CompareError, warn
 from clradar.files.failures import fail
@@ -37,13 +35,13 @@ class Frames:
 
     def __init__(self, path: Path, variant: str | None = None) -> None:
         self.path, self.files = path, dict[int, Path]()
-        self.read: Callable[[int], Content]
+        self.read: Callable[[int], img.Content]
         if not path.is_dir():
-            content = open_image(path)
+            content = img.open_image(path)
             self.read = lambda _: content
         elif any(path.glob("*.h5")) and not any(path.glob("radar_*")):
             self.files = _captures_by_number(path, variant)
-            self.read = lambda number: open_image(self.files[number])
+            self.read = lambda number: img.open_image(self.files[number])
         else:
             from measurement_io.maroon.folders import frames
 
@@ -152,9 +150,9 @@ class FrameSteps:
             record["alignment"] = self._alignment(volume, capture, how.mesh, device)
         name = f"{number:06d}"
         if how.keep_captures:
-            save(self.folder / CAPTURES / f"{name}.h5", capture, self.origin)
+            out.save(self.folder / CAPTURES / f"{name}.h5", capture, self.origin)
         if how.keep_volumes:
-            save(self.folder / VOLUMES / f"{name}.h5", volume, self.origin)
+            out.save(self.folder / VOLUMES / f"{name}.h5", volume, self.origin)
         self.keep_map(name, image)
         if how.fit_hand is not None:
             from calibration.registration.mesh_pose import DEEPEST_DB  # of fits
@@ -167,11 +165,11 @@ class FrameSteps:
         from measurement_io.maroon.frame import first_time_stamp
 
         capture = _opened(self.source, self.how.variant, self.run_name).capture(number)
-        record = {"time_us": first_time_stamp(capture.meta), "recorded_db": rms_db(capture)}
+        record = {"time_us": first_time_stamp(capture.meta), "recorded_db": img.rms_db(capture)}
         room = self.how.empty
         empty = None if room is None else _opened(room, None, self.run_name).capture(0)
         capture = self.how.cleaned(capture, empty)
-        return capture, {**record, "cleaned_db": rms_db(capture)}
+        return capture, {**record, "cleaned_db": img.rms_db(capture)}
 
     def _simulated(self, i: int, number: int, device: cl.Device) -> cl.DepthMap:
         """The depth map of a simulation at a frame: kept, if it is the same at every frame."""
@@ -182,7 +180,7 @@ class FrameSteps:
             self.keep_map(name, self._imaged(frames.read(number), device))
         return self.map_of(name)
 
-    def _imaged(self, content: Content, device: cl.Device) -> cl.DepthMap:
+    def _imaged(self, content: img.Content, device: cl.Device) -> cl.DepthMap:
         if not isinstance(content, cl.Volume):
             how = self.how.arguments
             content = cl.backproject(content, self.grid, device=device, **how)

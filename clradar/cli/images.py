@@ -16,9 +16,7 @@ import numpy as np
 
 import clradar as cl
 import measurement_io
-from clradar.cli import options as opt
-from clradar.cli.console import print_line, print_table, progress_bar
-from clradar.cli.outputs import write
+from clradar.cli import console, options as opt, outputs as out
 from clradar.compare.metrics import METRIC_TABLE
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import warn
@@ -48,7 +46,7 @@ def form_image(
     if isinstance(content, cl.Volume):
         return content
     form = cl.reconstruct if imaging.method in ("least-squares", "sparse") else cl.backproject
-    with progress_bar("imaging") as progress:
+    with console.bar("imaging") as progress:
         return form(content, grid, device=device, progress=progress, **imaging.arguments)
 
 
@@ -109,10 +107,10 @@ def grid_for(
     if placed.shown:
         logging.getLogger("clradar").info("%s", placement_words(capture, placed))
         counts = " x ".join(map(str, placed.grid.counts))
-        print_line(f"grid: {counts} voxels of {lengths_words(placed.grid.spacing_m)}")
+        console.line(f"grid: {counts} voxels of {lengths_words(placed.grid.spacing_m)}")
     if placed.left_out:
         more, at_m = len(placed.left_out), placed.left_out[0].position_m
-        print_line(f"not in it: {more} more, the strongest at {place_words(at_m)}")
+        console.line(f"not in it: {more} more, the strongest at {place_words(at_m)}")
     return placed.grid
 
 
@@ -229,10 +227,10 @@ class Comparison:
         labelled = list(zip(self.labels, self.metrics, strict=True))
         names = [one.name for one in METRIC_TABLE]
         rows = [[label, *(one.text(found) for one in METRIC_TABLE)] for label, found in labelled]
-        print_table(("simulated", *names), rows, right=names)
+        console.table(("simulated", *names), rows, right=names)
         for label, found in labelled:
             for remark in found.remarks:
-                print_line(f"{label}: {remark}")
+                console.line(f"{label}: {remark}")
 
     def figure(self, **options: Any) -> Figure:
         """All images side by side; `options` as in `clradar.plot.comparison_figure`."""
@@ -263,7 +261,7 @@ def write_simulation(
         {"measured": str(measured), **metrics},
     )  # fmt: skip
     for name, content in zip(SIMULATION_FILES, contents, strict=True):
-        write(folder / name, content, **more)
+        out.write(folder / name, content, **more)
     compared.print()
 
 
@@ -285,7 +283,7 @@ def figure_of(
             raise opt.wrong_usage(name, f"expected with a volume, which {path} is not")
     if isinstance(found, measurement_io.Recording):
         title = title_of(path, {})
-        with progress_bar("reading") as progress:
+        with console.bar("reading") as progress:
             return cl.plot.recording_figure(found, found.frame_numbers, title, progress=progress)
     if isinstance(found, cl.ChannelCalibration):
         from calibration.channels.figure import channels_figure

@@ -21,7 +21,7 @@ import numpy as np
 import clradar as cl
 import measurement_io as io
 from clradar import __version__
-from clradar.cli.console import print_line, progress_bar
+from clradar.cli import console
 from clradar.cli.groups import call, plain
 from clradar.errors import OutputError
 from clradar.files import atomic
@@ -182,7 +182,7 @@ def write(
         return None
     force = force or call.force
     if callable(content):
-        with progress_bar("writing the page" if path.suffix.startswith(".htm") else "drawing"):
+        with console.bar("writing the page" if path.suffix.startswith(".htm") else "drawing"):
             content = content()
     if isinstance(content, Mapping):
         write_json(path, {**content, **provenance(**more)}, force=force)
@@ -205,7 +205,7 @@ def write(
     else:
         content = save(path, content, provenance(**more), force=force)
     if text:
-        print_line(f"{path}: {text}")
+        console.line(f"{path}: {text}")
     return content
 
 

@@ -107,7 +107,9 @@ def done(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Numbers of the frames that are processed."""
     numbers: list[int] = []
     one_frame = FrameSteps.run
-    monkeypatch.setattr(FrameSteps, "run", lambda s, n, _: numbers.append(n) or one_frame(s, n))
+    monkeypatch.setattr(
+        FrameSteps, "run", lambda s, n, *more: numbers.append(n) or one_frame(s, n, *more)
+    )
     return numbers
 
 

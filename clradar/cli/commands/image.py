@@ -14,17 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 import clradar as cl
-from clradar.cli import options as opt, parse
-from clradar.cli.console import print_line, print_warning, progress_bar
-from clradar.cli.images import (
-    form_image,
-    grid_for,
-    nothing_to_draw,
-    open_image,
-    title_of,
-    volume_figure,
-)
-from clradar.cli.outputs import begun, provenance, write
+from clradar.cli import console, images as img, options as opt, outputs as out, parse
 from clradar.errors import MeasurementError
 from clradar.files.atomic import replacing
 from clradar.imaging.fast import GridPiece, grid_pieces
@@ -103,7 +93,7 @@ class ImageOptions(opt.GridOptions, opt.ImagingOptions):
 
 
 def capture_of(path: Path, frames: opt.FrameOptions) -> cl.Capture:
-    found = open_image(path, frames)
+    found = img.open_image(path, frames)
     if isinstance(found, cl.Volume):
         raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {path}")
     return found
@@ -232,7 +222,7 @@ def image_by_parts(
     scale = ImageScale(samples.array, samples.waveform, weights) if samples.absolute else None
     image = PartedImage(steps=steps, meta=meta, scale=scale if alone else None)
     text = opt.grid_text(grid)
-    job = begun(
+    job = out.begun(
         folder, "image", (KEY, PARTS, WHOLE), f"{PARTS}/*.npy", origin_m=grid.origin_m.tolist(),
         spacing_m=grid.spacing_m.tolist(), counts=list(grid.counts), device=opened.describe(),
     )  # fmt: skip
@@ -242,16 +232,16 @@ def image_by_parts(
         for piece in pieces:
             steps.join(piece)
         items = [(piece, number) for piece in pieces for number in range(len(sizes))]
-        with progress_bar("imaging") as progress:
+        with console.bar("imaging") as progress:
             for (piece, _), _ in job.each(
-                steps.run, items, where, done=steps.is_done, progress=progress, say=print_line,
+                steps.run, items, where, done=steps.is_done, progress=progress, say=console.line,
                 noun="part",
             ):  # fmt: skip
                 steps.join(piece)
         warn_of_grid(samples if alone else kept, grid, image, weights, opened)
         whole = folder / WHOLE
         if output is not None:
-            known = {**meta, **provenance(grid=text)}
+            known = {**meta, **out.provenance(grid=text)}
             save_planes(whole, image, grid, known, image.scale, force=True)
         draw(files, image, steps.captures, range_db, grid=text)
         job.clear([PARTS])  # killed from here on, the same command makes them again
@@ -259,7 +249,7 @@ def image_by_parts(
             with replacing(output, force=opt.call.force) as temporary:
                 os.replace(whole, temporary)
             took = f"{perf_counter() - start_s:.1f} s on {opened.info.label}"
-            print_line(f"{output}: {text}, {took}")
+            console.line(f"{output}: {text}, {took}")
         job.clear([KEY])
     with suppress(OSError):  # it is gone, or holds something else
         folder.rmdir()
@@ -278,7 +268,7 @@ def draw(
     if files.png is None and files.report is None:
         return
     first, *others = captures
-    title = f"{first.name} and {len(others)} more" if others else title_of(first, image.meta)
+    title = f"{first.name} and {len(others)} more" if others else img.title_of(first, image.meta)
     shown: dict[str, Any] = {"dynamic_range_db": range_db, "view": files.view, "dbsm": files.dbsm}
     flat = (files.view or thin_view(image.grid)) == "xy" and files.slice is None
     volume: cl.Volume | cl.DepthMap
@@ -288,17 +278,17 @@ def draw(
         volume = depth_map_of_planes(image, image.grid, range_db)  # without it in memory
     else:
         volume = image.volume()
-    if (reason := nothing_to_draw(volume)) is not None:
+    if (reason := img.nothing_to_draw(volume)) is not None:
         for path in (files.png, files.report):
             if path is not None:
-                print_warning(f"{path}: not drawn, since the image is {reason}")
+                console.warning(f"{path}: not drawn, since the image is {reason}")
         return
-    figure = partial(volume_figure, volume, title, files.slice, **shown)
-    write(files.png, figure, f"the picture, {range_db:g} dB")
+    figure = partial(img.volume_figure, volume, title, files.slice, **shown)
+    out.write(files.png, figure, f"the picture, {range_db:g} dB")
     if isinstance(volume, cl.Volume):
-        of, origin = cl.report.ReportImage(title, volume, str(captures[0])), provenance(**more)
+        of, origin = cl.report.ReportImage(title, volume, str(captures[0])), out.provenance(**more)
         page = partial(cl.report.image_report, of, settings=origin, **shown)
-        write(files.report, page, "the image as a page, to be opened in a browser")
+        out.write(files.report, page, "the image as a page, to be opened in a browser")
 
 
 STOPPED = {
@@ -332,7 +322,7 @@ def image_command(
     if not to_write:
         raise opt.wrong_usage("-o", "expected a volume to write, or --png, or --report; got none")
     folder = to_write[0].with_name(f"{to_write[0].name}.parts")
-    content, range_db = open_image(captures[0], frames), depth.dynamic_range_db
+    content, range_db = img.open_image(captures[0], frames), depth.dynamic_range_db
     several, volume = len(captures) > 1, isinstance(content, cl.Volume)
     if several and volume:
         raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {captures[0]}")
@@ -354,7 +344,7 @@ def image_command(
     if imaging.absolute:
         content = replace(content, meta={**content.meta, "absolute": True})
     where = processes.where(device)
-    grid = grid_for(content, imaging, where.first, everything=imaging.everything)
+    grid = img.grid_for(content, imaging, where.first, everything=imaging.everything)
     if files.slice is not None and (place_m := files.slice[1]) is not None:
         plane_index(grid, files.slice[0], place_m)  # raises where there is none
     steps = PartSteps(
@@ -365,12 +355,12 @@ def image_command(
         image_by_parts(steps, content, files, where, range_db)
         return
     start_s, text = perf_counter(), opt.grid_text(grid)
-    volume = form_image(content, grid, imaging, where.first)
+    volume = img.form_image(content, grid, imaging, where.first)
     took = f"{perf_counter() - start_s:.1f} s on {where.first.info.label}"
-    write(files.output, volume, f"{text}, {took}", grid=text)
+    out.write(files.output, volume, f"{text}, {took}", grid=text)
     if imaging.iterated:
         left_db, count = volume.meta["residual_db"], volume.meta["iterations"]
         left = "nothing" if left_db is None else f"{left_db:.1f} dB of the samples"
         reason = STOPPED[volume.meta["stopped"]]
-        print_line(f"{imaging.method}: {count} iterations, {reason}; left: {left}")
+        console.line(f"{imaging.method}: {count} iterations, {reason}; left: {left}")
     draw(files, volume, captures, range_db, grid=text)

@@ -12,8 +12,7 @@ import numpy as np
 
 import calibration
 import clradar as cl
-from clradar.cli import options as opt
-from clradar.cli.console import counted, print_line, print_table, print_warning, progress_bar
+from clradar.cli import console, images as img, options as opt, outputs as out
 from clradar.cli.frames import (
     CAPTURES,
     MAPS,
@@ -25,8 +24,6 @@ from clradar.cli.frames import (
     listed,
     record_file,
 )
-from clradar.cli.images import ReadOnAccess, figure_labels, grid_for, write_csv
-from clradar.cli.outputs import begun, check_folder, provenance, save, write
 from clradar.cli.parse import chosen_frames
 from clradar.compare.images import depth_map_of
 from clradar.compare.metrics import METRIC_TABLE
@@ -46,8 +43,6 @@ GRID = "grid"  # among the maps
 HANDS, WORK = "hand", "work"  # the fit of a hand, with records as of all frames; resumes by WORK
 MOVEMENT, SHEET = "movement.png", "contact-sheet.png"
 TRACK, NUMBERS = "track", "numbers"  # in WORK: what is remembered after the last frame; all frames
-
-SHEET_PIXEL_M = 2e-3
 
 OWN_NAMES = (
     RESULT, KEY, EMPTY, TABLE, FIGURE, MOVIE,
@@ -84,13 +79,13 @@ class RecordingWork:
             if not finished or len(self._done()) < len(self.numbers):
                 job.clear([RESULT])
                 self._prepare()
-                with progress_bar("frames") as progress:
+                with console.bar("frames") as progress:
                     for _ in job.each(
                         self.steps.run, self.numbers, self.where,
                         done=lambda number: record_file(folder, number).is_file(),
                         name=lambda number: f"frame {number}: ",
                         tolerated=lambda error: not isinstance(error, MISSED),
-                        progress=progress, say=print_line, noun="frame",
+                        progress=progress, say=console.line, noun="frame",
                     ):  # fmt: skip
                         pass
                 if not self._done():
@@ -101,12 +96,12 @@ class RecordingWork:
                 self._write(records, fits)
             job.clear([f"{HANDS}/{WORK}"])
         texts = {
-            TABLE: counted(len(records), "frame"), FIGURE: "the same over time",
+            TABLE: console.counted(len(records), "frame"), FIGURE: "the same over time",
             RESULT: "the same with all metrics, and how they were made",
             MOVIE: "the animation; its pictures are in pictures/",
         }  # fmt: skip
         for path in (folder / name for name in texts if (folder / name).is_file()):
-            print_line(f"{path}: {texts[path.name]}")
+            console.line(f"{path}: {texts[path.name]}")
         if missing := len(self.numbers) - len(records):
             raise MeasurementError(
                 f"{self.source.path}: {missing} of {len(self.numbers)} frames could not be "
@@ -126,9 +121,9 @@ class RecordingWork:
             mean = folder / EMPTY
             if not mean.is_file():
                 room = Frames(steps.how.empty)
-                with progress_bar("averaging"):
+                with console.bar("averaging"):
                     frames = map(room.capture, room.files)
-                    save(mean, calibration.average_frames(frames), steps.origin)
+                    out.save(mean, calibration.average_frames(frames), steps.origin)
             steps = replace(steps, how=replace(steps.how, empty=mean))
         store = FolderStore(folder / MAPS)
         if GRID not in store:  # kept: another first frame may be readable when the run is resumed
@@ -148,7 +143,7 @@ class RecordingWork:
             except MeasurementError as error:
                 failures.append(error)  # which is said when its turn comes
                 continue
-            return grid_for(capture, self.voxels, self.where.first)
+            return img.grid_for(capture, self.voxels, self.where.first)
         raise failures[0]
 
     def _hands(self, records: Sequence[Record]) -> list[calibration.FrameFit] | None:
@@ -167,22 +162,22 @@ class RecordingWork:
         }  # fmt: skip
         del first
         folder = self.steps.folder / HANDS
-        with progress_bar("fitting the hand") as progress:
+        with console.bar("fitting the hand") as progress:
             try:
                 fits = fit_frames(folder, images, settings, progress)
             except CompareError as error:
-                print_warning(f"{HANDS}: {error}")
+                console.warning(f"{HANDS}: {error}")
                 return None
         rows = [
             [str(fit.frame), f"{fit.time_s:.3f}", fit.how, "; ".join(fit.notes)]
             for fit in fits
             if fit.how != FOLLOWED or fit.notes
         ]
-        print_table(("frame", "time (s)", "how", "why"), rows, right=("frame", "time (s)"))
+        console.table(("frame", "time (s)", "how", "why"), rows, right=("frame", "time (s)"))
         followed = sum(fit.how == FOLLOWED for fit in fits)
         lost = sum(fit.state is None for fit in fits)
         words = f"{len(fits)} frames, {followed} followed, {len(fits) - followed - lost} searched"
-        print_line(f"{folder}: {words}" + (f", {lost} without a hand" if lost else ""))
+        console.line(f"{folder}: {words}" + (f", {lost} without a hand" if lost else ""))
         draw_movement(folder, images, fits, self.source.path.name)
         return fits
 
@@ -200,20 +195,20 @@ class RecordingWork:
             for one in records:
                 one["hand"] = read_json_object(record_file(folder / HANDS, one["frame"]))
         cells = (["" if np.isnan(v) else f"{v:.10g}" for v in row] for row in columns.values())
-        write_csv(folder / TABLE, list(columns), zip(*cells, strict=True))
+        img.write_csv(folder / TABLE, list(columns), zip(*cells, strict=True))
         timed = bool(np.isfinite(columns["time s"]).all())
         time = columns["time s" if timed else "frame"]
-        title = f"{self.labels[0]}, {counted(len(records), 'frame')}"
+        title = f"{self.labels[0]}, {console.counted(len(records), 'frame')}"
         if panels := curves(columns):
             figure = curves_figure(time, panels, "time (s)" if timed else "frame", title)
-            write(folder / FIGURE, figure, force=True)
+            out.write(folder / FIGURE, figure, force=True)
         shown = [one["frame"] for one in records if one["peak_db"] is not None]
         if shown:
             images = (self.steps.map_of(f"{number:06d}") for number in shown)
             pictures = FramePictures(images, self.steps.how.dynamic_range_db)
             (folder / PICTURES).mkdir(exist_ok=True)
             files = []
-            with progress_bar("drawing") as progress:
+            with console.bar("drawing") as progress:
                 for i, one in enumerate(records):
                     number = one["frame"]
                     image = self.steps.map_of(f"{number:06d}") if number in shown else None
@@ -226,7 +221,7 @@ class RecordingWork:
                 step_s = float(np.median(np.diff(time))) if timed and len(time) > 1 else 0.0
                 write_gif(folder / MOVIE, files, step_s if step_s > 0 else DEFAULT_STEP_S)
         record = {"recording": str(self.source.path), "frames": records}
-        write(folder / RESULT, record, force=True)
+        out.write(folder / RESULT, record, force=True)
 
 
 LEVELS = {"peak dB": "peak_db", "recorded RMS dB": "recorded_db", "cleaned RMS dB": "cleaned_db"}
@@ -297,7 +292,7 @@ def curves(columns: Mapping[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, slots=True)
-class KeptImages(ReadOnAccess):
+class KeptImages(img.ReadOnAccess):
     """Depth maps of frames, and their time stamps, which depth maps do not have."""
 
     times_us: Sequence[float | None]
@@ -349,20 +344,18 @@ def draw_movement(
 
     shown = shown_frames(len(fits))
     pictures = [_picture(images[i]) for i in shown]
-    write(folder / SHEET, movement_sheet([fits[i] for i in shown], pictures), force=True)
+    out.write(folder / SHEET, movement_sheet([fits[i] for i in shown], pictures), force=True)
     title = f"{name}: angles and tips, with one standard deviation"
-    write(folder / MOVEMENT, movement_figure(fits, title), force=True)
+    out.write(folder / MOVEMENT, movement_figure(fits, title), force=True)
 
 
 def _picture(image: cl.DepthMap) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """A thin picture of a frame's maxima, if there is anything above zero."""
+    """A picture of a frame's maxima, if there is anything above zero."""
     try:
         seen = depth_map_of(image, DYNAMIC_RANGE_DB, "image")
     except CompareError:
         return None
-    thin = slice(None, None, max(1, round(SHEET_PIXEL_M / float(seen.x_m[1] - seen.x_m[0]))))
-    amplitude = seen.amplitude[thin, thin] / seen.amplitude.max()
-    return amplitude.astype(np.float32), seen.x_m[thin], seen.y_m[thin]
+    return seen.amplitude / seen.amplitude.max(), seen.x_m, seen.y_m
 
 
 def hand_columns(fits: Sequence[calibration.FrameFit]) -> dict[str, np.ndarray]:
@@ -411,7 +404,7 @@ def process_command(
     every frame and an animation.
     """
     others = tuple(simulated or ())
-    check_folder(output, OWN_NAMES, resumed=True)
+    out.check_folder(output, OWN_NAMES, resumed=True)
     source = Frames(recording, how.variant)
     if not source.files:
         raise opt.wrong_usage("RECORDING", "expected a radar folder, or a folder of captures (.h5)")
@@ -428,10 +421,10 @@ def process_command(
         read["--empty"] = Frames(how.empty).files_of()
     steps = FrameSteps(
         source=recording, run_name=token_hex(), folder=output, how=how, simulated=others,
-        grid=voxels.grid(), origin=provenance(),
+        grid=voxels.grid(), origin=out.provenance(),
     )  # fmt: skip
-    labels = [recording.name or str(recording), *figure_labels(others, [{} for _ in others])]
-    job = begun(
+    labels = [recording.name or str(recording), *img.figure_labels(others, [{} for _ in others])]
+    job = out.begun(
         output, "processed recording", OWN_NAMES, f"{RECORDS}/*.json", read=read, numbers=numbers,
         simulated=[path.is_dir() for path in others],
         # Those in files count by their content.
