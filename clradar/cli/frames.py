@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -187,16 +187,13 @@ class FrameSteps:
         return content.depth_map(self.how.dynamic_range_db)
 
     def keep_map(self, name: str, image: cl.DepthMap) -> None:
-        FolderStore(self.folder / MAPS)[name] = {
-            "amplitude": image.amplitude, "depth_m": image.depth_m, "x_m": image.x_m,
-            "y_m": image.y_m, "range_db": np.array(image.dynamic_range_db),
-        }  # fmt: skip
+        arrays = {one.name: np.asarray(getattr(image, one.name)) for one in fields(image)}
+        FolderStore(self.folder / MAPS)[name] = arrays
 
     def map_of(self, name: str) -> cl.DepthMap:
         """A depth map that is kept: of a frame, of its hand, or of a simulation."""
-        kept = FolderStore(self.folder / MAPS)[name]
-        range_db = float(kept["range_db"])
-        return cl.DepthMap(kept["depth_m"], kept["amplitude"], kept["x_m"], kept["y_m"], range_db)
+        kept: dict[str, Any] = FolderStore(self.folder / MAPS)[name]
+        return cl.DepthMap(**{**kept, "dynamic_range_db": float(kept["dynamic_range_db"])})
 
     def _alignment(
         self, volume: cl.Volume, capture: cl.Capture, mesh: Path, device: cl.Device

@@ -51,13 +51,6 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
             atomic.refuse_existing(output, force=call.force)
 
 
-def _same(one: Path, other: Path) -> bool:
-    """Whether two names are of one file, by links too."""
-    if os.path.realpath(one) == os.path.realpath(other):
-        return True
-    return one.exists() and other.exists() and one.samefile(other)
-
-
 def check_folder(
     folder: Path, replaced: Collection[str] | None = None, *, resumed: bool = False
 ) -> None:
@@ -93,7 +86,8 @@ def check_folder(
 
 def _check_place(output: Path, known: dict[Path, bool]) -> None:
     """Raise unless an output may be where it is; `known`: which folders are recordings, of many."""
-    if any(_same(output, path) for path in call.paths):
+    there = [path for path in call.paths if path.exists() and output.exists()]
+    if any(output.samefile(path) for path in there):  # by links, too
         raise OutputError(f"{output}: is also an input; choose another name")
     if not output.parent.is_dir():
         raise OutputError(f"{output}: expected an existing folder, got '{output.parent}'")

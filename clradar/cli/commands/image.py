@@ -22,7 +22,7 @@ from clradar.imaging.several_captures import mean_over_pairs
 from clradar.jobs import KEY, Where
 from clradar.model import ImageScale
 from clradar.model.progress import Progress
-from clradar.model.volume import plane_slabs
+from clradar.model.volume import depth_map_of_planes, plane_slabs
 from clradar.plot.views import plane_index, thin_view
 
 # Names in the folder of a begun image.
@@ -47,6 +47,11 @@ class ImageFiles(opt.PictureOptions):
         without=opt.ITERATED,
         kept=False,
     )
+
+    def flat(self, grid: cl.VoxelGrid) -> bool:
+        """Whether the depth map of an image is enough."""
+        seen_from_front = (self.view or thin_view(grid)) == "xy" and self.slice is None
+        return seen_from_front and not (self.report or self.dbsm)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +106,7 @@ def capture_of(path: Path, frames: opt.FrameOptions) -> cl.Capture:
 
 @dataclass(frozen=True, kw_only=True)
 class PartSteps:
-    """How a part is made, as plain values that a worker process gets."""
+    """How a part is made, as plain values that a worker process gets; the whole by its planes."""
 
     folder: Path
     captures: tuple[Path, ...]
@@ -151,28 +156,6 @@ class PartSteps:
             for path in parts:
                 path.unlink(missing_ok=True)
 
-
-def _write(path: Path, image: np.ndarray) -> None:
-    with replacing(path, force=True) as temporary, open(temporary, "xb") as file:
-        np.save(file, image)
-
-
-def _read(path: Path) -> np.ndarray:
-    return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
-
-
-@dataclass(frozen=True, kw_only=True)
-class PartedImage:
-    """An image whose planes are read from its pieces: `clradar.model.volume.Planes`."""
-
-    steps: PartSteps
-    meta: Mapping[str, Any]
-    scale: ImageScale | None
-
-    @property
-    def grid(self) -> cl.VoxelGrid:
-        return self.steps.grid
-
     @property
     def shape(self) -> tuple[int, int, int]:
         return self.grid.shape
@@ -181,21 +164,26 @@ class PartedImage:
         return self.shape[0]
 
     def __getitem__(self, planes: slice) -> np.ndarray:
+        """Planes of the whole, from its pieces: `clradar.model.volume.Planes`."""
         first, stop, _ = planes.indices(len(self))
         out = np.empty((stop - first, *self.shape[1:]), np.complex64)
-        for i, piece in enumerate(self.steps.pieces):
+        for i, piece in enumerate(self.pieces):
             low, high = max(first, piece.tile.z.start), min(stop, piece.tile.z.stop)
             if low < high:
                 inner = slice(low - piece.tile.z.start, high - piece.tile.z.start)
-                found = _read(self.steps.piece_file(i))[inner]
+                found = _read(self.piece_file(i))[inner]
                 out[low - first : high - first, piece.tile.y] = found
+        out.flags.writeable = False  # so that a volume takes it as it is
         return out
 
-    def volume(self) -> cl.Volume:
-        """The whole image, in memory."""
-        data = self[:]
-        data.flags.writeable = False
-        return cl.Volume(data, self.grid, self.meta, self.scale)
+
+def _write(path: Path, image: np.ndarray) -> None:
+    with replacing(path, force=True) as temporary, open(temporary, "xb") as file:
+        np.save(file, image)
+
+
+def _read(path: Path) -> np.ndarray:
+    return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
 
 
 def image_by_parts(
@@ -219,8 +207,9 @@ def image_by_parts(
     steps, alone = replace(steps, n_samples=tuple(sizes)), len(sizes) == 1
     weights = frequency_weights(how["window"], samples.waveform.n_freq)
     meta = {**image_meta(device=opened, **how), "capture": samples.meta if alone else metas}
-    scale = ImageScale(samples.array, samples.waveform, weights) if samples.absolute else None
-    image = PartedImage(steps=steps, meta=meta, scale=scale if alone else None)
+    scale = None
+    if alone and samples.absolute:
+        scale = ImageScale(samples.array, samples.waveform, weights)
     text = opt.grid_text(grid)
     job = out.begun(
         folder, "image", (KEY, PARTS, WHOLE), f"{PARTS}/*.npy", origin_m=grid.origin_m.tolist(),
@@ -238,12 +227,18 @@ def image_by_parts(
                 noun="part",
             ):  # fmt: skip
                 steps.join(piece)
-        warn_of_grid(samples if alone else kept, grid, image, weights, opened)
+        warn_of_grid(samples if alone else kept, grid, steps, weights, opened)
         whole = folder / WHOLE
         if output is not None:
             known = {**meta, **out.provenance(grid=text)}
-            save_planes(whole, image, grid, known, image.scale, force=True)
-        draw(files, image, steps.captures, range_db, grid=text)
+            save_planes(whole, steps, grid, known, scale, force=True)
+        if files.png or files.report:
+            image: cl.DepthMap | cl.Volume
+            if files.flat(grid):
+                image = depth_map_of_planes(steps, grid, range_db)  # without it in memory
+            else:
+                image = cl.Volume(steps[:], grid, meta, scale)
+            draw(files, image, meta, steps.captures, range_db, grid=text)
         job.clear([PARTS])  # killed from here on, the same command makes them again
         if output is not None:
             with replacing(output, force=opt.call.force) as temporary:
@@ -257,36 +252,27 @@ def image_by_parts(
 
 def draw(
     files: ImageFiles,
-    image: cl.Volume | PartedImage,
+    image: cl.Volume | cl.DepthMap,
+    meta: Mapping[str, Any],
     captures: Sequence[Path],
     range_db: float,
     **more: Any,
 ) -> None:
     """Write figure and page, as far as they were asked for."""
-    from clradar.model.volume import depth_map_of_planes
-
     if files.png is None and files.report is None:
         return
     first, *others = captures
-    title = f"{first.name} and {len(others)} more" if others else img.title_of(first, image.meta)
+    title = f"{first.name} and {len(others)} more" if others else img.title_of(first, meta)
     shown: dict[str, Any] = {"dynamic_range_db": range_db, "view": files.view, "dbsm": files.dbsm}
-    flat = (files.view or thin_view(image.grid)) == "xy" and files.slice is None
-    volume: cl.Volume | cl.DepthMap
-    if isinstance(image, cl.Volume):
-        volume = image
-    elif flat and not (files.report or files.dbsm):
-        volume = depth_map_of_planes(image, image.grid, range_db)  # without it in memory
-    else:
-        volume = image.volume()
-    if (reason := img.nothing_to_draw(volume)) is not None:
+    if (reason := img.nothing_to_draw(image)) is not None:
         for path in (files.png, files.report):
             if path is not None:
                 console.warning(f"{path}: not drawn, since the image is {reason}")
         return
-    figure = partial(img.volume_figure, volume, title, files.slice, **shown)
+    figure = partial(img.volume_figure, image, title, files.slice, **shown)
     out.write(files.png, figure, f"the picture, {range_db:g} dB")
-    if isinstance(volume, cl.Volume):
-        of, origin = cl.report.ReportImage(title, volume, str(captures[0])), out.provenance(**more)
+    if isinstance(image, cl.Volume):
+        of, origin = cl.report.ReportImage(title, image, str(captures[0])), out.provenance(**more)
         page = partial(cl.report.image_report, of, settings=origin, **shown)
         out.write(files.report, page, "the image as a page, to be opened in a browser")
 
@@ -339,7 +325,7 @@ def image_command(
     for name in {**opt.given(imaging), **chosen} if volume else {}:
         raise opt.wrong_usage(name, "the input is a volume, which is an image already")
     if isinstance(content, cl.Volume):
-        draw(files, content, captures, range_db)
+        draw(files, content, content.meta, captures, range_db)
         return
     if imaging.absolute:
         content = replace(content, meta={**content.meta, "absolute": True})
@@ -363,4 +349,4 @@ def image_command(
         left = "nothing" if left_db is None else f"{left_db:.1f} dB of the samples"
         reason = STOPPED[volume.meta["stopped"]]
         console.line(f"{imaging.method}: {count} iterations, {reason}; left: {left}")
-    draw(files, volume, captures, range_db, grid=text)
+    draw(files, volume, volume.meta, captures, range_db, grid=text)
