@@ -22,7 +22,7 @@ from scipy.optimize import least_squares
 from calibration.channels.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError
-from clradar.jobs.where import silent
+from clradar.jobs.outcome import silent
 from clradar.model import AntennaArray
 from clradar.model.progress import Progress
 

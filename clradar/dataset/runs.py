@@ -42,7 +42,8 @@ from clradar.files.failures import fail
 from clradar.files.hashing import sha256_of
 from clradar.files.json_differences import differences
 from clradar.jobs.job import Job
-from clradar.jobs.where import ATTEMPTS, Where, made_with, reason_of
+from clradar.jobs.outcome import ATTEMPTS, made_with, reason_of
+from clradar.jobs.where import Where
 from clradar.model.progress import Progress
 from clradar.opencl import Device, forget_devices, open_device
 

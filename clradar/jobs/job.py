@@ -20,7 +20,8 @@ from clradar.files.hashing import content_record, holds_still
 from clradar.files.json_differences import differences, listed_differences
 from clradar.files.json_file import read_json, write_json
 from clradar.jobs.lock import LOCK, held
-from clradar.jobs.where import Where, Work
+from clradar.jobs.outcome import Work
+from clradar.jobs.where import Where
 from clradar.model.progress import Progress
 
 KEY = "settings.json"  # what a folder was begun with: its settings, and what its inputs hold

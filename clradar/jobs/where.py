@@ -6,44 +6,25 @@ warnings belong to a process, and where a driver crashes it is known whose it wa
 
 from __future__ import annotations
 
-import platform
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from clradar.errors import (
-    ClradarError,
-    ClradarWarning,
-    ClusterError,
-    DeviceError,
-    ModelError,
-    warn,
-)
-from clradar.files.failures import clean
+from clradar.errors import ClusterError, DeviceError, ModelError, warn
+from clradar.jobs.outcome import Outcome, Result, Work, outcome_of, silent
 from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, DeviceInfo, devices_like, open_device
 from clradar.opencl.choice import select_devices, several
-from clradar.versions import own_version, package_versions
 
 if TYPE_CHECKING:
     from clradar.jobs.workers import Workers
 
 Item = TypeVar("Item")
-Result = TypeVar("Result")
-
-Work = Callable[[Any, Device, Progress], Result]
-"""Works on an item on a device; says by the last argument how far it is."""
-
-Outcome = tuple[Any, list[str]]
-"""What a function returned, or its `ClradarError`; and its warnings, each once."""
 
 DeviceLike = Device | str | Sequence[str] | None
-
-ATTEMPTS = 2  # attempts at an item before it is set aside
 
 
 @dataclass(frozen=True)
@@ -235,36 +216,3 @@ def _with_progress(
 
 def _listed(infos: Sequence[DeviceInfo]) -> str:
     return ", ".join(f"{info.selector} {info.label}" for info in infos)
-
-
-def reason_of(error: BaseException) -> str:
-    return clean(f"{type(error).__name__}: {error}")
-
-
-def outcome_of(function: Callable[..., Any], *arguments: Any) -> Outcome:
-    """Call a function; an error keeps its type on its way back."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", ClradarWarning)
-        try:
-            result = function(*arguments)
-        except ClradarError as error:
-            result = error
-    ours = (str(one.message) for one in caught if issubclass(one.category, ClradarWarning))
-    return result, list(dict.fromkeys(ours))
-
-
-def silent(done: int, total: int) -> None:
-    """Progress that nobody sees."""
-
-
-def made_with(device: Device) -> dict[str, Any]:
-    """The versions and the device on which the bits of a result depend."""
-    return {
-        "clradar": own_version(),
-        "packages": dict(_packages()),
-        "python": platform.python_version(),
-        "device": dict(device.describe()),
-    }
-
-
-_packages = cache(package_versions)  # which reads files, for every item

@@ -30,7 +30,7 @@ from clradar.files.failures import clean, shown
 from clradar.files.interrupts import interrupts_blocked
 from clradar.files.json_differences import differences
 from clradar.jobs.lock import scratch_folder
-from clradar.jobs.where import ATTEMPTS, Outcome, Work, made_with, outcome_of, reason_of, silent
+from clradar.jobs.outcome import ATTEMPTS, Outcome, Work, made_with, outcome_of, reason_of, silent
 from clradar.opencl import Device, DeviceInfo, open_device
 from clradar.opencl.program import self_test
 from clradar.versions import own_version
