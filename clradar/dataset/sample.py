@@ -44,11 +44,8 @@ from clradar.simulation import simulate
 RECIPE_VERSION = 3
 SEED_BITS = 63
 
-Recipe = dict[str, Any]
-"""JSON values only: the keys of a plan, the number of the sample, and the version of recipes."""
 
-
-def recipe(plan: Plan, index: int) -> Recipe:
+def recipe(plan: Plan, index: int) -> dict[str, Any]:
     """Return the plan of sample `index` alone, from which `make_sample` reproduces it.
 
     It has the keys and the units of a plan, every one written out, with a number in place of every
@@ -95,7 +92,7 @@ class SamplePlan:
             self.start_s = self.frame / plan.movement.rate_hz
         self._seed = plan.seed
         drawn: Plan = self._numbers(plan, "")
-        first = self._first_pose(drawn.poses)
+        self.first = first = self._first_pose(drawn.poses)
         more: dict[str, Any] = {"hands": self._hands(drawn.hands)}
         if drawn.movement is not None:
             last = self._last_pose(drawn.movement, drawn.poses, first)
@@ -165,13 +162,9 @@ class SamplePlan:
         return hands.model_copy(update={"handedness": side, "shape": "list", "shapes": (shape,)})
 
     @property
-    def record(self) -> Recipe:
+    def record(self) -> dict[str, Any]:
         """The recipe."""
         return {"version": RECIPE_VERSION, "sample": self.sample, **plan_record(self.plan)}
-
-    @property
-    def first(self) -> HandPose:
-        return self.plan.poses.poses[0]
 
     @property
     def middle_s(self) -> float:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import astuple, replace
 from pathlib import Path
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -341,10 +341,13 @@ class ByPart(Short, Generic[Value]):
     pinky: Value | None = None
     others: Value
 
-    def each(self, made: Callable[[Value], Any]) -> dict[str, Any]:
-        """What is made of the value of every part."""
+    made: ClassVar[Any]
+
+    @property
+    def of_parts(self) -> Mapping[str, Any]:
+        """What is `made` of every part of a sample, of which nothing is to be drawn."""
         values = {name: getattr(self, name) for name in PART_NAMES}
-        return {name: made(self.others if v is None else v) for name, v in values.items()}
+        return {n: self.made(self.others if own is None else own) for n, own in values.items()}
 
     @classmethod
     def is_table(cls, value: Any) -> bool:
@@ -357,11 +360,7 @@ class Alpha(ByPart[Share]):
     """Roughness of a hand, by part."""
 
     others: Share = short("others", default=fixed(0.5))
-
-    @property
-    def of_parts(self) -> Mapping[str, float]:
-        """The alpha of every part of a sample, of which nothing is to be drawn."""
-        return self.each(float)
+    made = float
 
 
 # Materials
@@ -426,8 +425,4 @@ class PlanMaterials(ByPart[PartMaterial]):
     """What a hand is made of, by part."""
 
     others: PartMaterial = short("others", default_factory=PartMaterial)
-
-    @property
-    def of_parts(self) -> Mapping[str, Material]:
-        """The material of every part of a sample, of which nothing is to be drawn."""
-        return self.each(PartMaterial.made)
+    made = staticmethod(PartMaterial.made)
