@@ -106,7 +106,7 @@ def test_a_plan_comes_back_from_its_record():
         ("radar.array", "qar5", "did you mean 'qar50'?.*got .qar5"),
         ("radar.stop_ghz", 70, "start_ghz < stop_ghz"),
         ("simulation.max_bounces", 2, "^plan.toml: simulation: .*max_bounces"),
-        ("simulation.rays_per_face", 2, "got both"),
+        ("simulation.rays_per_face", 2, "^plan.toml: simulation: .*got both"),
         ("image.x_mm", [10, -10], "first <= last"),
         ("image.x_mm", [-10, 7], "^plan.toml: image: .*whole number of steps"),
         ("image", {"method": "exact", "tolerance_db": -50}, ".tolerance_db: expected none unless"),

@@ -20,7 +20,7 @@ from pydantic import (
 
 from clradar.constants import PLAUSIBLE_COATING_M, PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.dataset.plan.draws import Draw, Within, fixed, tried
-from clradar.errors import ClradarError, MeasurementError
+from clradar.errors import ClradarError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.meshes.gltf_document import files_of
@@ -207,13 +207,10 @@ class RigFile(Short):
         from clradar.rigs import read_rig
 
         files = self.files(folder)
-        try:
-            return read_rig(
-                files["sha256"], mapping=files.get("mapping_sha256"), unit=self.unit,
-                handedness=self.handedness, betas=self.betas or None,
-            )  # fmt: skip
-        except ClradarError as error:  # it names the option of the command
-            raise MeasurementError(str(error).replace("--mapping", "the key mapping")) from error
+        return read_rig(
+            files["sha256"], mapping=files.get("mapping_sha256"), unit=self.unit,
+            handedness=self.handedness, betas=self.betas or None,
+        )  # fmt: skip
 
     def check(self, folder: Path) -> None:
         """Raise `ModelError` unless the files in a folder are those of the plan."""

@@ -176,8 +176,6 @@ class SimulationPlan(FileRecord):
     @model_validator(mode="after")
     def _check(self) -> SimulationPlan:
         physical, by_face = self.estimator == "physical", self.rays_per_face is not None
-        if by_face and self.samples_per_mm2 is not None:
-            raise mistake("one of it and samples_per_mm2", "both", key="rays_per_face")
         if not by_face and self.samples_per_mm2 is None:
             self.__dict__["samples_per_mm2"] = DENSITIES_PER_MM2[self.estimator]
         if self.rays_per_sample is None and not physical:
