@@ -156,7 +156,7 @@ def describe_dataset(folder: Path) -> Description:
     """Describe a data set from its manifest and the sizes of its shards, which are not opened."""
     manifest = read_manifest(folder)
     plan, closed, complete = manifest.plan, len(manifest.shards), not manifest.missing
-    names = [pose.name for pose in plan.poses.poses]
+    names = [pose.name for pose in plan.poses.resolved]
     size = sum((folder / shard_name(number)).stat().st_size for number in manifest.shards)
     stored, aside = len(manifest.stored), len(manifest.aside)
     text = f"yes, but for {aside} set aside" if aside else "yes"

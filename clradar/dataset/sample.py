@@ -125,17 +125,17 @@ class SamplePlan:
         random = self._stream("poses")
         if poses.kind == "sampler":
             return random_pose(random)
-        count = len(poses.poses)
+        count = len(poses.resolved)
         cycle = poses.order == "cycle"
         first = self.number % count if cycle else int(random.integers(count))
-        pose = poses.poses[first]
+        pose = poses.resolved[first]
         if poses.spread_deg is not None:
             return pose_around(pose, self._stream("poses.spread"), poses.spread_deg)
         if poses.share is None:
             return pose
         # Two different ones: the second is any but the first.
         second = (first + 1 + int(random.integers(count - 1))) % count
-        return interpolate_poses(pose, poses.poses[second], float(poses.share))
+        return interpolate_poses(pose, poses.resolved[second], float(poses.share))
 
     def _last_pose(self, movement: MovementPlan, poses: Poses, first: HandPose) -> HandPose:
         if movement.last is not None:
@@ -144,7 +144,7 @@ class SamplePlan:
             return first
         if poses.kind == "sampler":
             return random_pose(self._stream("movement.pose"))
-        last: HandPose = self._one_of("movement.pose", poses.poses)
+        last: HandPose = self._one_of("movement.pose", poses.resolved)
         return last
 
     def _hands(self, hands: Hands) -> Hands:

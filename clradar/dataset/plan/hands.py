@@ -133,7 +133,7 @@ class Poses(FileRecord):
     """The table [poses]: a pose of the list; one between two of them; one drawn around a pose of
     the list; or a random one within the limits of joints ("sampler").
 
-    `poses` are those of `names`, of `files`, and of manifests (`resolved`). Sample i has pose i
+    `resolved` has those of `names`, of `files`, and of manifests in the end. Sample i has pose i
     modulo their number, or a random one. Of "interpolation" `share` 0 is the first of the two
     poses, 1 the second; `spread_deg` is the standard deviation of "around".
     """
@@ -146,13 +146,9 @@ class Poses(FileRecord):
     share: Share | None = None
     spread_deg: Annotated[float, Within(0.0, MOST_SPREAD_DEG)] | None = None
 
-    @property
-    def poses(self) -> tuple[HandPose, ...]:
-        return (*self.names, *self.files, *self.resolved)
-
     @model_validator(mode="after")
     def _check(self) -> Poses:
-        kind, found = self.kind, self.poses
+        kind, found = self.kind, (*self.names, *self.files, *self.resolved)
         for key, own in (("share", "interpolation"), ("spread_deg", "around")):
             if kind != own and getattr(self, key) is not None:
                 raise mistake(f'none unless kind = "{own}"', f'kind = "{kind}"', key=key)
