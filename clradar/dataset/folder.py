@@ -5,8 +5,8 @@
     contact-sheet.png        when it is complete
 
 A shard that is there is done. Of what failed the shards tell, too: the manifest is written anew
-from them. Data sets of version 1, by clradar 0.2 and older, also have `parts`, single samples of
-shards that were never closed.
+from them. There may be `parts`, single samples of shards that are not there: that were made alone,
+or that clradar 0.2 and older, of version 1, never closed.
 """
 
 from __future__ import annotations

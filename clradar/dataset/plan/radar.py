@@ -139,12 +139,10 @@ class RadarPlan(FileRecord):
     @property
     def waveform(self) -> Waveform:
         """The frequencies; equal ones are the same object."""
-        return _waveform(self.start_ghz, self.stop_ghz, self.steps)
+        return _waveform(self.start_ghz * 1e9, self.stop_ghz * 1e9, self.steps)
 
 
-@lru_cache(maxsize=8)
-def _waveform(start_ghz: float, stop_ghz: float, steps: int) -> Waveform:
-    return Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
+_waveform = lru_cache(maxsize=8)(Waveform.sfcw)
 
 
 @lru_cache(maxsize=8)
