@@ -1,9 +1,8 @@
 """The view in a browser: frames in, pictures of them, wishes, and the page of viser.
 
 `sources` reads frames, `beside` what is shown with them; `drawn` and `pictures` turn images into
-points and pictures; `session` carries out a `wish` in the background; `scene` and `panel` are the
-page, `playing` steps through frames or follows those that come, `server` and `gate` serve it. Data
-flows in that order.
+points and pictures; `session` carries out a `wish` in the background, and `playing` follows frames
+that come; `scene` and `panel` are the page, `server` and `gate` serve it. Data flows in that order.
 """
 
 from clradar.view.server import show

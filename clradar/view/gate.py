@@ -6,7 +6,7 @@ import asyncio
 import secrets
 import socket
 from collections.abc import Coroutine, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -103,12 +103,9 @@ def gate(
         task = asyncio.current_task()
         assert task is not None
         tasks.add(task)
-        try:
-            with suppress(OSError, asyncio.CancelledError):
-                await _pass_on(reader, writer, target, protocol)
-        finally:
-            tasks.discard(task)
-            writer.close()
+        task.add_done_callback(tasks.discard)
+        with closing(writer), suppress(OSError, asyncio.CancelledError):
+            await _pass_on(reader, writer, target, protocol)
 
     async def close() -> None:
         server.close()

@@ -49,7 +49,8 @@ class Panel(Front):
         self.switch("Voxels", wish.voxels, lambda on: session.change(voxels=on), "V")
         if beside is not None:
             self.side = self.choice("Show", SIDES, "side", "B")
-            if len(labels := numbered(beside.labels)) > 1:
+            labels = tuple(f"{i}: {label}" for i, label in enumerate(beside.labels, 1))
+            if len(labels) > 1:
                 other = gui.add_dropdown("Beside", labels)
                 self.on(other, lambda label: session.change(other=labels.index(label)))
             self.metrics = gui.add_markdown("")
@@ -142,7 +143,11 @@ class Panel(Front):
             assign(self.layout, "value", shown.wish.layout)
             if self._beside is not None:
                 assign(self.side, "value", shown.wish.side)
-                assign(self.metrics, "content", metrics_text(shown))
+                text = ""
+                if shown.metrics is not None:
+                    found = [(one.name, one.text(shown.metrics)) for one in METRIC_TABLE[:2]]
+                    text = ", ".join(f"{name} **{value}**" for name, value in found)
+                assign(self.metrics, "content", text)
             assign(self.state, "content", state_text(shown, self._source.label(shown.wish.frame)))
 
     def follow_frames(self, frame: int) -> None:
@@ -302,18 +307,6 @@ def assign(control: Any, name: str, value: Any) -> None:
     """Set a property unless it has that value: each assignment is sent to every browser."""
     if getattr(control, name) != value:
         setattr(control, name, value)
-
-
-def numbered(labels: tuple[str, ...]) -> tuple[str, ...]:
-    """Return labels that differ."""
-    return tuple(f"{i}: {label}" for i, label in enumerate(labels, 1))
-
-
-def metrics_text(shown: Shown) -> str:
-    """Return the agreement of two images, in a line of Markdown."""
-    if shown.second is None or shown.metrics is None:
-        return ""
-    return ", ".join(f"{one.name} **{one.text(shown.metrics)}**" for one in METRIC_TABLE[:2])
 
 
 def state_text(shown: Shown, label: str) -> str:

@@ -40,20 +40,15 @@ DEPTH_STEP_MM = 5.0
 
 
 class Axis(NamedTuple):
-    """A name with its unit, and the values at the left or lower and at the right or upper edge."""
+    """A name with its unit, and the values at the left or lower and at the right or upper edge.
+
+    A colour bar has a scale, of `SCALES`, as well; without a name it is not drawn.
+    """
 
     name: str
     first: float
     last: float
-
-
-class Bar(NamedTuple):
-    """A colour bar: its scale, of `SCALES`, and its ends; without a name there is none."""
-
-    scale: str
-    first: float
-    last: float
-    name: str = ""
+    scale: str = ""
 
 
 Box: TypeAlias = tuple[int, int, int, int]
@@ -100,18 +95,18 @@ def image_pictures(
         level_db = below_db(image.amplitude, float(image.amplitude.max()))
         pictures["projection"] = _in_radar_view(title, level_db, bar, image, marked)
     if "depth" in chosen.known:
-        title, bar, per_m = "Depth: nothing above zero", Bar("depth", 0.0, 1.0), 1.0
+        title, bar, per_m = "Depth: nothing above zero", Axis("", 0.0, 1.0, "depth"), 1.0
         if image.mask.any():
             low, high = (end / DEPTH_STEP_MM for end in depth_limits_mm([image]))
             near_m, far_m = (1e-3 * DEPTH_STEP_MM * x for x in (np.floor(low), np.ceil(high)))
             unit = unit_for(near_m, far_m)
             title, per_m = "Depth", unit.per_m
-            bar = Bar("depth", per_m * near_m, per_m * far_m, f"depth z ({unit.name})")
+            bar = Axis(f"depth z ({unit.name})", per_m * near_m, per_m * far_m, "depth")
         pictures["depth"] = _in_radar_view(title, per_m * image.depth_m, bar, image, marked)
     if second is not None:
         with suppress(CompareError):  # on different voxels there is none
             check_same_pixels(first.image, second.image)
-            bar = Bar("difference", -DEPTH_MM, DEPTH_MM, "simulated - measured (mm)")
+            bar = Axis("simulated - measured (mm)", -DEPTH_MM, DEPTH_MM, "difference")
             farther_mm = 1e3 * (second.image.depth_m - first.image.depth_m)
             title = "Difference in depth"
             pictures["difference"] = _in_radar_view(title, farther_mm, bar, first.image, None)
@@ -180,7 +175,7 @@ def _level_db(samples: np.ndarray) -> np.ndarray:
 def _in_radar_view(
     title: str,
     values: np.ndarray,
-    bar: Bar,
+    bar: Axis,
     image: DepthMap,
     marked: tuple[float, float] | None,
 ) -> Picture:
@@ -202,14 +197,14 @@ def _length_axes(centres_m: Mapping[str, np.ndarray]) -> tuple[float, list[Axis]
     return 1 / unit.per_m, axes
 
 
-def _amplitude_bar(dynamic_range_db: float) -> Bar:
-    return Bar("amplitude", -dynamic_range_db, 0.0, BELOW_MAXIMUM)
+def _amplitude_bar(dynamic_range_db: float) -> Axis:
+    return Axis(BELOW_MAXIMUM, -dynamic_range_db, 0.0, "amplitude")
 
 
 def _picture(
     title: str,
     values: np.ndarray,
-    bar: Bar,
+    bar: Axis,
     across: Axis,
     up: Axis,
     to_m: float,
@@ -237,7 +232,7 @@ def _picture(
 
 
 @lru_cache(maxsize=64)
-def _paper(title: str, across: Axis, up: Axis, bar: Bar) -> tuple[np.ndarray, Box]:
+def _paper(title: str, across: Axis, up: Axis, bar: Axis) -> tuple[np.ndarray, Box]:
     """Return axes without an image, and where it goes: drawn once, not for every frame."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable

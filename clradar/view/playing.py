@@ -6,11 +6,9 @@ import statistics
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, field
 
 from clradar.errors import ClradarError
-from clradar.model import Capture, Volume
+from clradar.model import Capture
 from clradar.view.session import Front, Session, Shown, View
 from clradar.view.wish import escaped
 
@@ -24,57 +22,6 @@ RETRY_S = 1.0
 """After a folder could not be read."""
 
 
-@dataclass
-class Pace:
-    """Frames shown, and how fast of late; those for which an imager was made are left out.
-
-    Dropped are those that were outdated before their turn came; `reason` is of the last bad one.
-    """
-
-    shown: int = 0
-    dropped: int = 0
-    bad: int = 0
-    reason: str = ""
-    _last: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=WINDOW))
-    """When frames were shown, and their latencies, seconds."""
-    _last_s: float = field(default_factory=time.perf_counter)
-
-    @property
-    def quiet_s(self) -> float:
-        """Seconds since the last frame."""
-        return time.perf_counter() - self._last_s
-
-    def count(self, came_s: float, *, prepared: bool) -> None:
-        """Count a frame that came at a time of `time.perf_counter`, and is shown now."""
-        self.shown += 1
-        self._last_s = time.perf_counter()
-        if prepared:
-            self._last.clear()
-        else:
-            self._last.append((self._last_s, self._last_s - came_s))
-
-    def text(self, following: bool, ended: bool) -> str:
-        """Return rate, latency, and what was dropped or bad."""
-        parts = [f"{self.shown} shown"]
-        if self._last:
-            ends_s, latencies_s = zip(*self._last, strict=True)
-            if (took_s := ends_s[-1] - ends_s[0]) > 0:
-                parts.append(f"{(len(ends_s) - 1) / took_s:.1f} frames/s")
-            median_s, most_s = statistics.median(latencies_s), max(latencies_s)
-            parts.append(f"latency {1e3 * median_s:.0f} ms (at most {1e3 * most_s:.0f})")
-        parts.append(f"{self.dropped} dropped")
-        if self.bad:
-            parts.append(f"{self.bad} bad, the last: {escaped(self.reason)}")
-        first = ""
-        if ended:
-            first = "**End.** "
-        elif not following:
-            first = "**Stopped.** "
-        elif self.quiet_s > 2.0:
-            first = f"**No frame for {self.quiet_s:.0f} s.** "
-        return first + ", ".join(parts)
-
-
 class Player(Session):
     """A session that plays frames, or shows the newest one of a source that grows.
 
@@ -83,16 +30,20 @@ class Player(Session):
     changed, and how fast frames come.
     """
 
-    def __init__(self, view: View, front: Front, form: Callable[..., Volume] | None = None) -> None:
-        self.pace = Pace()
+    def __init__(self, view: View, front: Front) -> None:
+        self.count = self.dropped = self.bad = 0
+        """Frames that were shown, outdated before their turn came, or could not be read."""
+        self._latencies: deque[tuple[float, float]] = deque(maxlen=WINDOW)
+        """When frames were shown for which no imager was made, and their latencies, seconds."""
+        self._last_s = time.perf_counter()
         self._following, self._newest = True, max(view.source.frames(), default=-1)
         """The last one that was shown or dropped."""
-        self._asked, self._trouble = -1, ""
+        self._asked, self._trouble, self._reason = -1, "", ""
         self._asked_s = self._image_s = self._read_s = 0.0
         """When a frame was asked for, and how long the last ones took the session and a read."""
         self._ended = threading.Event()
         self._looking = threading.Thread(target=self._look, name="clradar follow", daemon=True)
-        super().__init__(view, front, form)
+        super().__init__(view, front)
 
     def start(self) -> None:
         """Begin to look."""
@@ -132,7 +83,38 @@ class Player(Session):
         if shown.wish.frame == self._asked:
             self._asked = -1
             self._image_s = time.perf_counter() - self._asked_s
-            self.pace.count(self.source.came_s(shown.wish.frame), prepared=shown.prepared)
+            self.count, self._last_s = self.count + 1, time.perf_counter()
+            if shown.prepared:
+                self._latencies.clear()
+            else:
+                latency_s = self._last_s - self.source.came_s(shown.wish.frame)
+                self._latencies.append((self._last_s, latency_s))
+
+    @property
+    def quiet_s(self) -> float:
+        """Seconds since the last frame."""
+        return time.perf_counter() - self._last_s
+
+    def pace(self) -> str:
+        """Return rate and latency of the last frames, and what was dropped or bad."""
+        parts = [f"{self.count} shown"]
+        if self._latencies:
+            ends_s, latencies_s = zip(*self._latencies, strict=True)
+            if (took_s := ends_s[-1] - ends_s[0]) > 0:
+                parts.append(f"{(len(ends_s) - 1) / took_s:.1f} frames/s")
+            median_s, most_s = statistics.median(latencies_s), max(latencies_s)
+            parts.append(f"latency {1e3 * median_s:.0f} ms (at most {1e3 * most_s:.0f})")
+        parts.append(f"{self.dropped} dropped")
+        if self.bad:
+            parts.append(f"{self.bad} bad, the last: {escaped(self._reason)}")
+        first = ""
+        if self.source.ended:
+            first = "**End.** "
+        elif not self._following:
+            first = "**Stopped.** "
+        elif self.quiet_s > 2.0:
+            first = f"**No frame for {self.quiet_s:.0f} s.** "
+        return first + ", ".join(parts)
 
     def look(self) -> bool:
         """Look once, and show the newest frame; whether the source could be read."""
@@ -146,30 +128,30 @@ class Player(Session):
             return False
         self._trouble = ""
         self._take(changed)
-        if self._asked < 0 and self.pace.quiet_s > QUIET_S:
+        if self._asked < 0 and self.quiet_s > QUIET_S:
             self._finish()
-        if self.source.grows and (changed or self.pace.quiet_s > QUIET_S):
-            self._front.paced(self.pace.text(self._following, self.source.ended))
+        if self.source.grows and (changed or self.quiet_s > QUIET_S):
+            self._front.paced(self.pace())
         return True
 
     def _take(self, changed: bool) -> None:
         """Read the newest frame so that it is there when the one before is shown, and show it."""
         new = [frame for frame in self.source.frames() if frame > self._newest]
         if changed and not (self._following and new):
-            self.pace.dropped += len(new)
+            self.dropped += len(new)
             self._newest = max([self._newest, *new])
             self._front.following(self._following)
             return
         begun_s = time.perf_counter()
-        free_s = self._asked_s + self._image_s if self.busy else begun_s
+        free_s = self._asked_s + self._image_s if self._waiting or self._busy else begun_s
         if not new or begun_s < free_s - self._read_s:
             return
         self._newest = new[-1]
-        self.pace.dropped += len(new) - 1
+        self.dropped += len(new) - 1
         try:
             content = self.source.read(new[-1])  # which keeps it for the session
         except ClradarError as error:
-            self.pace.bad, self.pace.reason = self.pace.bad + 1, str(error)
+            self.bad, self._reason = self.bad + 1, str(error)
             return
         self._read_s = time.perf_counter() - begun_s
         self.settle()

@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from clradar.hand import JOINT_NAMES
+from clradar.hand.joints import CHAINS
 from clradar.model.length_unit import unit_for
+from clradar.plot.drawing import InnerTicks
 from clradar.view.drawn import Drawn, clicked_m
 from clradar.view.pictures import SIZE_INCHES, Picture, image_pictures, slice_pictures
 from clradar.view.session import Shown, View
-from clradar.view.truth import UNITS_PER_M, Truth, draw_truth
+from clradar.view.sources import Truth
 from clradar.view.wish import LAYOUTS, Place
+
+UNITS_PER_M = 10.0
+"""Of the scene: with a hand of two units, steps and clipping of the camera's defaults fit."""
+
+BONES = np.array([pair for chain in CHAINS for pair in pairwise((0, *chain))])
 
 BOX_COLOUR = (128, 128, 128)
 
-MESH_COLOUR = (170, 170, 180)
+MESH_COLOUR, TRUTH_COLOUR = (170, 170, 180), (90, 200, 255)
 
 FOV = np.radians(50.0)
 """Of the camera, upwards."""
@@ -29,7 +38,8 @@ FACING = (0.0, 0.0, 0.0, 1.0)
 
 JPEG_QUALITY = 92
 
-LEGEND = "orange: measured, cyan: simulated"
+GAP = 0.03
+"""Between pictures, of their width and height."""
 
 
 class SceneView:
@@ -42,12 +52,12 @@ class SceneView:
         self.truth: Truth | None = None
         """That of the frame which is shown, if it is known."""
         self._truth_of, self._truth_nodes, self._frame = view.source.truth, list[Any](), -1
-        self._ends_m: np.ndarray | None = None
+        self._ends_m = np.full((3, 2), np.nan)
         self._clouds: dict[str, tuple[Any, Drawn]] = {}
         """Handles of viser, and what they show."""
         self._pictures: dict[str, tuple[Any, Picture]] = {}
         self._layout = LAYOUTS[-1]
-        self._view: tuple[Any, ...] = (np.zeros(3), 1.0, 1.0, 0.0)
+        self._view: Any = None
         """Middle, width, height and depth of what the camera is to show, units of the scene."""
         self._space = server.scene.add_frame("/3-D", show_axes=False)
         self.truth_node = server.scene.add_frame("/3-D/truth", show_axes=False)
@@ -72,7 +82,7 @@ class SceneView:
     def show(self, shown: Shown) -> None:
         """Draw the points or voxels of a result, and the pictures of its layout."""
         layout, ends_m = shown.wish.layout, shown.first.ends_m
-        changed = self._ends_m is None or not np.allclose(ends_m, self._ends_m, atol=1e-6)
+        changed = not np.allclose(ends_m, self._ends_m, atol=1e-6)
         if changed:
             self._draw_box(ends_m)
         self._space.visible = layout != "2-D"
@@ -92,8 +102,7 @@ class SceneView:
             pictures |= slice_pictures(shown.chosen, at_m)
         if changed or layout != self._layout or pictures.keys() != self._pictures.keys():
             self._layout = layout
-            self._hang(pictures)
-            self._look()
+            self._arrange(pictures)
         for name, picture in pictures.items():
             handle, last = self._pictures[name]
             if not np.array_equal(last.pixels, picture.pixels):
@@ -146,48 +155,34 @@ class SceneView:
         size_m = max(drawn.size_m for drawn in seen)
         return clicked_m(points_m, origin / UNITS_PER_M, direction, size_m)
 
-    def _hang(self, pictures: Mapping[str, Picture]) -> None:
-        """Put pictures into the scene: in columns, to the left of the box where that is shown."""
+    def _arrange(self, pictures: Mapping[str, Picture]) -> None:
+        """Put pictures into columns, to the left of the box where that is shown; aim cameras."""
         for handle, _ in self._pictures.values():
             handle.remove()
-        middle, room = self._room()
-        columns = 1 if self._layout != "2-D" else 2 if len(pictures) < 5 else 3
+        middle, sizes = (UNITS_PER_M * of(self._ends_m, axis=1) for of in (np.mean, np.ptp))
+        room = 1.4 * max(float(sizes[:2].max()), 0.02)  # of the box with its labels
+        flat = self._layout == "2-D"
+        columns = 1 if not flat else 2 if len(pictures) < 5 else 3
         rows = max(1, -(-len(pictures) // columns))
         height = room * (1.35 if rows > 2 else 1.0) / rows
         width = height * SIZE_INCHES[0] / SIZE_INCHES[1]
-        left = middle[0] + columns * width / 2
-        if self._layout == LAYOUTS[0]:
-            left += room / 2 + width / 2
+        left = middle[0] + (columns * width / 2 if flat else room / 2 + width)
         self._pictures = {}
         for i, (name, picture) in enumerate(pictures.items()):
             row, column = divmod(i, columns)
             up = ((rows - 1) / 2 - row) * height
-            centre = np.array([left - (column + 0.5) * width, middle[1] + up, middle[2]])
             handle = self._server.scene.add_image(
-                f"/pictures/{name}", picture.pixels, 0.97 * width, 0.97 * height,
-                jpeg_quality=JPEG_QUALITY, cast_shadow=False, receive_shadow=False,
-                wxyz=FACING, position=centre,
+                f"/pictures/{name}", picture.pixels, (1 - GAP) * width, (1 - GAP) * height,
+                jpeg_quality=JPEG_QUALITY, cast_shadow=False, receive_shadow=False, wxyz=FACING,
+                position=(left - (column + 0.5) * width, middle[1] + up, middle[2]),
             )  # fmt: skip
             self._pictures[name] = handle, picture
-
-    def _room(self) -> tuple[np.ndarray, float]:
-        """Return the middle of the box, and the side of a square that has it with its labels."""
-        assert self._ends_m is not None
-        sizes = UNITS_PER_M * np.ptp(self._ends_m, axis=1)
-        return UNITS_PER_M * self._ends_m.mean(axis=1), 1.4 * float(max(sizes[:2].max(), 0.02))
-
-    def _look(self) -> None:
-        """Let the camera of every browser see the box, the pictures, or both."""
-        middle, room = self._room()
-        flat = self._layout == "2-D"
-        walls = [handle for handle, _ in self._pictures.values()]
-        ends = [middle[0] - room / 2, middle[0] + room / 2] if not flat else []
-        ends += [one.position[0] + s * one.render_width / 2 for one in walls for s in (-1, 1)]
-        depth = 0.0 if flat else UNITS_PER_M * float(np.ptp(self._ends_m[2]))  # type: ignore[index]
+        ends = [] if flat else [middle[0] - room / 2, middle[0] + room / 2]
+        if pictures:
+            ends += [left - share * width for share in (GAP / 2, columns - GAP / 2)]
         centre = np.array([(min(ends) + max(ends)) / 2, middle[1], middle[2]])
-        heights = [2 * (one.position[1] - middle[1]) + one.render_height for one in walls]
-        height = max([room, *heights])
-        self._view = (centre, 1.04 * (max(ends) - min(ends)), 1.02 * height, depth)
+        high, depth = max(room, (rows - GAP) * height), 0.0 if flat else float(sizes[2])
+        self._view = centre, 1.04 * (max(ends) - min(ends)), 1.02 * high, depth
         self._place(self._server.initial_camera, PAGE_ASPECT)
         for client in self._server.get_clients().values():
             self._aim(client)
@@ -206,7 +201,7 @@ class SceneView:
         client.camera.on_update(moved)
 
     def _aim(self, client: Any) -> None:
-        if self._ends_m is not None:
+        if self._view is not None:
             with client.atomic():
                 self._place(client.camera, client.camera.aspect)
 
@@ -228,7 +223,9 @@ class SceneView:
         unit = unit_for(*ends_m.ravel())
         sizes = np.ptp(ends_m, axis=1)
         tick_m = 0.02 * float(sizes.max())
-        segments, texts = [box_edges(ends_m)], []
+        corners = np.stack(np.meshgrid(*ends_m, indexing="ij"), axis=-1)
+        segments = [np.moveaxis(corners, axis, 2).reshape(4, 2, 3) for axis in range(3)]
+        texts, locator = [], InnerTicks(-1e-6)  # to which ends belong that rounding put beside
         low, high = ends_m[:, 0], ends_m[:, 1]
         # Below, at the left as the radar sees it, and to the right into the depth.
         edges = (
@@ -239,12 +236,12 @@ class SceneView:
         for axis, (corner, out, anchor) in enumerate(edges):
             if sizes[axis] == 0.0:
                 continue
-            room = 4 if axis < 2 or sizes[axis] > sizes.max() / 2 else 2
-            for value in ticks(unit.per_m * low[axis], unit.per_m * high[axis], room):
+            locator.set_params(nbins=4 if axis < 2 or sizes[axis] > sizes.max() / 2 else 2)
+            for value in np.round(locator.tick_values(*(unit.per_m * ends_m[axis])), 9):
                 at = np.array(corner, float)
                 at[axis] = value / unit.per_m
                 ends = np.stack([at, at + tick_m * np.array(out)])
-                segments.append(ends[None].astype(np.float32))
+                segments.append(ends[None])
                 texts.append((f"{value:g}", ends[1], anchor))
             # The name of z stands beyond its far end, where the numbers end.
             middle = np.array(corner, float)
@@ -264,18 +261,23 @@ class SceneView:
             )  # fmt: skip
 
 
-def ticks(low: float, high: float, most: int) -> list[float]:
-    """Return some round values within a range."""
-    from matplotlib.ticker import MaxNLocator
-
-    found = MaxNLocator(nbins=most, steps=[1, 2, 5, 10]).tick_values(low, high)
-    reach = 1e-6 * (high - low)
-    return [round(float(v), 9) for v in found if low - reach <= v <= high + reach]
-
-
-def box_edges(ends: np.ndarray) -> np.ndarray:
-    """Return the edges of a box with these ends (3, 2) as segments, shape (12, 2, 3), float32."""
-    corners = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)])
-    places = ends[np.arange(3), corners]
-    pairs = [(i, i | 1 << axis) for axis in range(3) for i in range(8) if not i >> axis & 1]
-    return places[np.array(pairs)].astype(np.float32)
+def draw_truth(scene: Any, truth: Truth | None) -> list[Any]:
+    """Draw mesh and joints, where they are known, into the scene of viser; return their nodes."""
+    nodes = []
+    if truth is not None and truth.vertices_m is not None:
+        nodes.append(
+            scene.add_mesh_simple(
+                "/3-D/truth/mesh", vertices=UNITS_PER_M * truth.vertices_m, faces=truth.faces,
+                color=TRUTH_COLOUR, opacity=0.4, side="double",
+            )
+        )  # fmt: skip
+    if truth is not None and truth.joints_m is not None:
+        joints_m = truth.joints_m.reshape(-1, len(JOINT_NAMES), 3)
+        ends = (UNITS_PER_M * joints_m[:, BONES].reshape(-1, 2, 3)).astype(np.float32)
+        nodes.append(
+            scene.add_line_segments(
+                "/3-D/truth/joints", points=ends[np.isfinite(ends).all(axis=(1, 2))],
+                colors=TRUTH_COLOUR, thickness=3.0, thickness_units="screen",
+            )
+        )  # fmt: skip
+    return nodes

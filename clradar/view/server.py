@@ -1,4 +1,4 @@
-"""Serving a view on this machine until it is stopped."""
+"""Serving a view on this machine until it is stopped, or writing it into a file."""
 
 from __future__ import annotations
 
@@ -8,27 +8,30 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 from clradar.backproject import METHODS, WINDOWS
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.errors import ClradarError
+from clradar.errors import ClradarError, MissingPackage
+from clradar.files.atomic import refuse_existing, write_file
 from clradar.model import Capture, Scene, Volume, VoxelGrid, checks
 from clradar.opencl import Device, open_device
 from clradar.view.gate import HOST, gate, hidden_host, listen
 from clradar.view.panel import Panel
-from clradar.view.session import Session, View
+from clradar.view.scene import UNITS_PER_M, SceneView
+from clradar.view.session import Front, Session, View
 from clradar.view.sources import Source, StreamFrames, viewed
 from clradar.view.wish import Wish
 
-INSTALL = "pip install viser"
+MOST_BYTES = 200 * 2**20
+"""Of points and colours: what a browser still opens as one page."""
+
+PAGE_HZ = 10.0
+"""Frames per second of such a page."""
 
 QUIET = ("websockets.server", "asyncio")
 """Logs of what others send: a message that makes no sense is no fault of this program."""
-
-
-class MissingViser(ClradarError, ImportError):
-    """The package that serves the page is not installed."""
 
 
 @contextmanager
@@ -41,7 +44,7 @@ def running(label: str, port: int) -> Iterator[tuple[Any, int]]:
     try:
         import viser
     except ImportError as error:
-        raise MissingViser(f"view: expected viser, got {error}; {INSTALL}") from error
+        raise MissingPackage(f"view: expected viser, got {error}; pip install viser") from error
 
     class Server(viser.ViserServer):
         def request_share_url(self, verbose: bool = True) -> None:
@@ -92,6 +95,49 @@ def serve(view: View, port: int = 8080, say: Callable[[str], None] = print) -> N
             if view.source.error is not None:
                 raise view.source.error
             time.sleep(0.5)
+
+
+def write_page(
+    view: View, path: Path, *, force: bool = False, warn: Callable[[str], None] = print
+) -> int:
+    """Write the frames of a view into one HTML file, and return how many there are in it."""
+    refuse_existing(path, force=force)  # before the work
+    source, written, drawn_bytes = view.source, 0, 0
+    frames = source.frames()
+    with running(source.name, port=0) as (server, _):
+        scene = SceneView(server, view)
+        with contextlib.closing(Session(view, Front())) as session:
+            serializer = server.get_scene_serializer()
+            for count, frame in enumerate(frames, 1):
+                session.change(frame=frame, layout="3-D")
+                session.settle()
+                shown = session.shown
+                if session.refused or shown is None:
+                    warn(f"left out: {session.refused}")
+                    continue
+                if written:  # a single frame needs no time line, whose end builds it anew
+                    serializer.insert_sleep(1 / PAGE_HZ)
+                scene.show(shown)
+                # To the left in front of the box; the frame of a file has its name.
+                title = ", ".join(dict.fromkeys((source.name, source.label(frame))))
+                legend = "; orange: measured, cyan: simulated" if shown.second else ""
+                corner = UNITS_PER_M * shown.first.ends_m[[0, 1, 2], [1, 1, 0]]
+                server.scene.add_label(
+                    "/frame", title + legend, position=corner, anchor="bottom-left"
+                )
+                written += 1
+                for drawn in filter(None, (shown.first, shown.second)):
+                    drawn_bytes += drawn.points_m.nbytes + drawn.colours.nbytes
+                if drawn_bytes > MOST_BYTES and count < len(frames):
+                    warn(f"the first {count} of {len(frames)} frames: more are too many for a page")
+                    break
+        if written > 1:
+            serializer.insert_sleep(1 / PAGE_HZ)
+        if not written:
+            raise ClradarError(f"{source.name}: expected a frame that can be shown, got none")
+        page = serializer.as_html(dark_mode=True)
+    write_file(path, page.encode(), force=force)
+    return written
 
 
 def show(

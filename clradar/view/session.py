@@ -91,7 +91,7 @@ class Front:
 class Session:
     """Reads and images frames in a thread of its own, the newest wish alone."""
 
-    def __init__(self, view: View, front: Front, form: Callable[..., Volume] | None = None) -> None:
+    def __init__(self, view: View, front: Front) -> None:
         self.source, self._beside, self._device = view.source, view.beside, view.device
         self._read = lru_cache(maxsize=1)(view.source.read)
         self._drawn = lru_cache(maxsize=1 if view.beside is None else 2)(Drawn.of)
@@ -100,7 +100,6 @@ class Session:
         self.shown: Shown | None = None
         """The last result, and why the last wish was not carried out, if it was not."""
         self.refused = ""
-        self._form = form or self._formed
         self._images: dict[tuple[Hashable, ...], Volume | Flat] = {}
         self._imagers: dict[tuple[Hashable, ...], FrameImager] = {}
         """The last used ones, the newest last."""
@@ -110,11 +109,6 @@ class Session:
         """When the next frame is played, by `time.monotonic`."""
         self._thread = threading.Thread(target=self._run, name="clradar view", daemon=True)
         self._thread.start()
-
-    @property
-    def busy(self) -> bool:
-        """Whether a wish waits or is being carried out."""
-        return self._waiting or self._busy
 
     def change(self, **changes: Any) -> None:
         """Wish for something else, in place of what waits; the fields are those of `Wish`.
@@ -252,7 +246,7 @@ class Session:
             content = made()
             if isinstance(content, Capture):
                 self._front.busy("imaging")
-                content = self._form(content, wish, self._check)
+                content = self._formed(content, wish, self._check)
             image = content
         self._images[key] = image
         while len(self._images) > 1 and sum(map(_bytes, self._images.values())) > KEPT_BYTES:
@@ -289,11 +283,10 @@ def _metrics(first: Drawn, second: Drawn) -> Metrics | None:
 
 
 def _image_key(wish: Wish) -> tuple[Hashable, ...]:
-    grid = wish.grid
-    if grid is None:  # of a volume, which is not kept
-        return ()
-    ends = (*grid.origin_m.tolist(), *grid.spacing_m.tolist(), *grid.counts)
-    return (wish.method, wish.window, wish.image_db, *ends)
+    settings, grid = (wish.method, wish.window, wish.image_db), wish.grid
+    if grid is None:
+        return settings
+    return (*settings, *grid.origin_m.tolist(), *grid.spacing_m.tolist(), *grid.counts)
 
 
 def _bytes(image: Volume | Flat) -> int:

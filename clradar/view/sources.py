@@ -1,14 +1,16 @@
 """What is viewed: frames of a path, a data set or a Python iterable, and new ones.
 
-Each is read on access, a sample of a data set with what it was made of.
+Each is read on access; what it was made of is known of samples of data sets, and of frames of
+simulated recordings.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -22,10 +24,11 @@ from clradar.dataset.sample import SamplePlan, read_recipe
 from clradar.dataset.shards import read_sample
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import fail
+from clradar.files.json_file import read_json_object
 from clradar.files.watched_folder import WatchedFolder, visible
+from clradar.hand import JOINT_NAMES
 from clradar.model import Capture, DepthMap, Volume, checks
 from clradar.view.drawn import Flat
-from clradar.view.truth import Truth, recording_truth
 from measurement_io.maroon.folders import FRAMES_FOLDER, find_radar_folder, frame_file
 from measurement_io.opening import kind_of
 
@@ -39,10 +42,25 @@ LOOK_S, REST_S = 0.02, 0.5
 SAMPLES_S = 1.0
 """Between two looks at a data set that is written."""
 
-KEPT_SAMPLES = 8
+TRUTH_FILE = "truth/truth.json"
+"""Beside the radar folder, as ``clradar simulate --motion --frames`` writes it."""
 
 KEPT_BYTES = 256 * 2**20
 """Of samples of an iterable, to look back at: 29 frames of 94 x 94 pairs and 128 frequencies."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """What a frame was made of, as far as it is known.
+
+    Joints, (25 * hands, 3), are in the order of `clradar.hand.JOINT_NAMES`, NaN where a rig has
+    none; `lines` are pose, hand, place and surface as text.
+    """
+
+    vertices_m: np.ndarray | None
+    faces: np.ndarray | None
+    joints_m: np.ndarray | None
+    lines: tuple[str, ...]
 
 
 class Source:
@@ -58,9 +76,7 @@ class Source:
     truth: Callable[[int], Truth | None] | None = None
     """What a frame was made of, where it may be known."""
 
-    def __init__(
-        self, name: str, labels: Sequence[str] = (), read: Callable[[int], Content] | None = None
-    ) -> None:
+    def __init__(self, name: str, labels: Sequence[str] = (), read: Any = None) -> None:
         self.name, self._read = name, read
         self._there: dict[int, tuple[Any, float]] = {i: (one, 0.0) for i, one in enumerate(labels)}
         """What is known of each frame, and when it came; replaced, never changed, since others
@@ -90,8 +106,8 @@ class Source:
         return str(known)
 
     def _content_of(self, frame: int, known: Any) -> Content:
-        assert self._read is not None
-        return self._read(frame)
+        content: Content = self._read(frame)
+        return content
 
     def look(self) -> bool:
         """Wait a while for other frames; return whether there are."""
@@ -122,7 +138,20 @@ class FolderFrames(Source):
     def __init__(self, path: Path, variant: str, *, watch: bool) -> None:
         super().__init__(path.name or path.absolute().name)
         self.grows, self._path = watch, path
-        self._is_recording, self._folder = _watched(path, variant)
+        if not path.is_dir():
+            fail(path, "a folder", "a file" if path.exists() else "nothing there")
+        data = path
+        with suppress(MeasurementError):
+            data = find_radar_folder(path) / FRAMES_FOLDER
+        self._is_recording = data != path and data.is_dir()
+
+        def counts(name: str) -> bool:
+            if not self._is_recording:
+                return visible(name) and name.endswith(SUFFIXES)
+            file = frame_file(Path(name))
+            return file.frame is not None and file.variant == variant
+
+        self._folder = WatchedFolder(data if self._is_recording else path, counts)
         self.truth = recording_truth(path, self.label)
         self._lock = threading.Lock()
         self._last: dict[int, Capture | Volume] = {}
@@ -186,24 +215,6 @@ class FolderFrames(Source):
             self._there = files
 
 
-def _watched(path: Path, variant: str) -> tuple[bool, WatchedFolder]:
-    """Return whether a folder is a recording, and what is looked at."""
-    if not path.is_dir():
-        fail(path, "a folder", "a file" if path.exists() else "nothing there")
-    try:
-        data = find_radar_folder(path) / FRAMES_FOLDER
-    except MeasurementError:
-        data = path
-    if data.is_dir() and data != path:
-
-        def is_frame(name: str) -> bool:
-            file = frame_file(Path(name))
-            return file.frame is not None and file.variant == variant
-
-        return True, WatchedFolder(data, is_frame)
-    return False, WatchedFolder(path, lambda name: visible(name) and name.endswith(SUFFIXES))
-
-
 def viewed(frame: Any) -> Capture | Volume:
     """Return a frame of `clradar.view.show`, or raise `ModelError` if it is none."""
     checks.instance("show: frames", frame, Capture | Volume)
@@ -249,6 +260,40 @@ class StreamFrames(Source):
             self.ended = True
 
 
+def recording_truth(
+    path: Path, label: Callable[[int], str]
+) -> Callable[[int], Truth | None] | None:
+    """Return the truth beside a recording, by the labels of its frames; None where there is none,
+    or it cannot be read.
+    """
+    with suppress(ClradarError):
+        radar = find_radar_folder(path)
+        for file in (radar / TRUTH_FILE, radar.parent / TRUTH_FILE):
+            if file.is_file():
+                frames = read_json_object(file).get("frames")
+                records = frames if isinstance(frames, list) else []
+                known = {f"frame {r.get('frame')}": r for r in records if isinstance(r, Mapping)}
+                return lambda frame: _truth_of(known.get(label(frame)))
+    return None
+
+
+def _truth_of(record: Mapping[str, Any] | None) -> Truth | None:
+    """Return joints and poses of a frame."""
+    if record is None:
+        return None
+    with suppress(AttributeError, IndexError, TypeError, ValueError):  # not as it is written
+        hands = record.get("hands", [record])
+        joints = [one["joints_m"] for one in hands if one.get("joints_m")]
+        places = [[one.get(name) or [np.nan] * 3 for name in JOINT_NAMES] for one in joints]
+        joints_m = np.array(places, np.float64).reshape(-1, 3) if places else None
+        lines = [f"pose {one['pose']}" for one in hands if one.get("pose")]
+        for name, matrix in record.get("bodies", {}).items():
+            x, y, z = 1e3 * np.array(matrix, np.float64)[:3, 3]
+            lines.append(f"{name} at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
+        return Truth(None, None, joints_m, tuple(lines))
+    return None
+
+
 class SampleFrames(Source):
     """The stored samples of a data set, numbered as in the plan, read one at a time."""
 
@@ -256,7 +301,7 @@ class SampleFrames(Source):
         super().__init__(folder.name or folder.absolute().name)
         self.grows, self._folder = watch, folder
         self.truth = self._truth_of
-        self._sample = lru_cache(KEPT_SAMPLES)(self._read_sample)
+        self._sample = lru_cache(maxsize=8)(self._read_sample)
         self._take_in()
         if not self._there and not watch:
             fail(folder, "a data set with at least one sample", "none")

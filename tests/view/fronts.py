@@ -65,11 +65,12 @@ class SlowImager:
 
 
 @contextmanager
-def session_of(source, wish=None, beside=None, **form):
+def session_of(source, wish=None, beside=None, form=None):
     """A session with what its front is told."""
     front = Front()
     wish = Wish(grid=GRID) if wish is None else wish
-    session = Player(View(source=source, wish=wish, beside=beside), front, **form)
+    session = Player(View(source=source, wish=wish, beside=beside), front)
+    session._formed = form or session._formed
     try:
         yield session, front
     finally:

@@ -16,9 +16,8 @@ import clradar
 import clradar.view
 from clradar.errors import ClradarError, OutputError
 from clradar.view import server
-from clradar.view.beside import Others
+from clradar.view.beside import recorded
 from clradar.view.drawn import Drawn
-from clradar.view.page_file import write_page
 from clradar.view.panel import Panel
 from clradar.view.scene import SceneView
 from clradar.view.session import Shown, View
@@ -120,7 +119,7 @@ def spot(x_m):
 @needs_a_browser
 def test_frames_keys_reload_and_two_browsers(tmp_path):
     source, along = frames(spot(0.03), spot(0.0)), frames(spot(0.0), name="simulated")
-    view = View(source=source, wish=Wish(), beside=Others(source, (along,)))
+    view = View(source=source, wish=Wish(), beside=recorded(source, [along]))
     with server.serving(view, 0) as (port, _), chromium.chromium(tmp_path, webgl=True) as page:
         address = f"http://127.0.0.1:{port}"
         tab = Tab(page, address)
@@ -216,7 +215,7 @@ def volumes(folder):
 def test_the_page_plays_without_a_server(tmp_path):
     source, page_file = open_source(volumes(tmp_path / "volumes")), tmp_path / "view.html"
     said: list[str] = []
-    assert write_page(View(source=source, wish=Wish()), page_file, warn=said.append) == 2
+    assert server.write_page(View(source=source, wish=Wish()), page_file, warn=said.append) == 2
     assert len(said) == 1
     assert "1.h5" in said[0]
     with chromium.chromium(tmp_path / "profile", webgl=True) as page:
@@ -237,9 +236,9 @@ def test_pages_that_are_not_written(tmp_path):
     (folder / "2.h5").unlink()
     source = open_source(folder)
     with pytest.raises(ClradarError, match="expected a frame that can be shown"):
-        write_page(View(source=source, wish=Wish()), page_file, warn=lambda _: None)
+        server.write_page(View(source=source, wish=Wish()), page_file, warn=lambda _: None)
     assert not page_file.exists()
     page_file.write_text("as it was")
     with pytest.raises(OutputError, match="exists already"):
-        write_page(View(source=source, wish=Wish()), page_file)
+        server.write_page(View(source=source, wish=Wish()), page_file)
     assert page_file.read_text() == "as it was"

@@ -11,14 +11,13 @@ from fronts import Front, capture, frames, volume
 from nightly import nightly
 from systems import posix_only
 
-from clradar.errors import MeasurementError
+from clradar.errors import MeasurementError, MissingPackage
 from clradar.hand import JOINT_NAMES
 from clradar.view import server
 from clradar.view.playing import Player
-from clradar.view.server import MissingViser, serving
+from clradar.view.server import serving
 from clradar.view.session import View
-from clradar.view.sources import open_source
-from clradar.view.truth import recording_truth
+from clradar.view.sources import open_source, recording_truth
 from clradar.view.wish import Wish
 from measurement_io import save_recording, save_volume
 
@@ -78,7 +77,7 @@ def test_new_files_are_shown_as_they_come(watched):
     watched.player.play(True)
     watched.player.settle()
     assert watched.peaks == [11.0]
-    said = watched.player.pace.text(True, False)
+    said = watched.player.pace()
     assert said.startswith("2 shown, ")
     assert said.endswith(" 1 dropped")
 
@@ -87,8 +86,8 @@ def test_of_files_that_come_together_the_newest_is_shown(watched):
     for i in range(1, 5):
         watched.write(f"{i}.h5", i)
     assert watched.look() == [4.0]
-    assert watched.player.pace.dropped == 3
-    assert "4 shown" not in watched.player.pace.text(True, False)
+    assert watched.player.dropped == 3
+    assert "4 shown" not in watched.player.pace()
 
 
 def test_a_half_written_file_is_shown_once_it_is_whole(watched):
@@ -99,8 +98,8 @@ def test_a_half_written_file_is_shown_once_it_is_whole(watched):
     half.write_bytes(content[: len(content) // 2])
     assert watched.look() == []
     assert watched.labels() == ["whole.h5"]
-    assert "1 bad, the last:" in watched.player.pace.text(True, False)
-    assert "half.h5" in watched.player.pace.reason
+    _, _, reason = watched.player.pace().partition("1 bad, the last: ")
+    assert "half.h5" in reason
     half.write_bytes(content)
     assert watched.look() == [3.0]
     assert watched.labels() == ["whole.h5", "half.h5"]
@@ -169,7 +168,7 @@ def test_truth_of_a_recording_is_drawn_as_far_as_it_can_be_read(tmp_path, frames
 def test_without_viser_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     view = View(source=frames(volume()), wish=Wish())
-    with pytest.raises(MissingViser, match=r"pip install viser"), serving(view):
+    with pytest.raises(MissingPackage, match=r"pip install viser"), serving(view):
         pass
 
 

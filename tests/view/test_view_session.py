@@ -11,7 +11,7 @@ import clradar
 from clradar.errors import ClradarError, MeasurementError
 from clradar.imaging.frame_imager import FrameImager
 from clradar.view import beside, server
-from clradar.view.beside import Others, Simulation
+from clradar.view.beside import recorded, simulated
 from clradar.view.sources import Source
 from clradar.view.wish import BY_ALPHA, QUICK_DB, Wish
 from measurement_io import open_recording, save_recording
@@ -162,7 +162,7 @@ MESH = clradar.Scene([[0, 0, 0.3], [0.01, 0, 0.3], [0, 0.01, 0.3]], [[0, 1, 2]])
 def test_a_recording_of_as_many_frames_goes_along():
     measured = frames(*map(volume, (1, 2, 3)))
     along, one = frames(*map(volume, (4, 5, 6)), name="along"), frames(volume(7), name="one")
-    others = Others(measured, (along, one))
+    others = recorded(measured, (along, one))
     assert others.labels == ("along", "one")
     with session_of(measured, Wish(), others) as (session, front):
         changed(session, {"frame": 2}, {"frame": 1}, {"other": 1})
@@ -185,7 +185,7 @@ def test_a_mesh_is_simulated_once_for_each_alpha_and_material(monkeypatch):
 
     monkeypatch.setattr(beside, "simulate", simulate)
     form = SlowImager(let=99)
-    with session_of(CAPTURES, None, Simulation(MESH), form=form) as (session, front):
+    with session_of(CAPTURES, None, simulated(MESH), form=form) as (session, front):
         changed(session, {}, {"frame": 1}, {"alpha": 0.2}, {"alpha": 0.5}, {"material": "palm"})
         changed(session, {"alpha": 0.7}, {"material": BY_ALPHA, "alpha": 0.9})
     assert asked == [
@@ -200,7 +200,7 @@ def test_a_mesh_is_simulated_once_for_each_alpha_and_material(monkeypatch):
 
 
 def test_arrays_of_other_gains_are_simulated_for_themselves():
-    simulation, own = Simulation(MESH), capture()
+    simulation, own = simulated(MESH), capture()
     arrays = [
         own.array,
         replace(own.array, tx_gain=[0.5] * 2),

@@ -116,8 +116,8 @@ def view_command(
     """Serves a page at 127.0.0.1 until Ctrl-C, and prints its address. Needs viser: pip install
     viser. Captures are imaged as `clradar image` does, with larger voxels at first.
     """
-    from clradar.view.beside import Others, Simulation
-    from clradar.view.server import serve
+    from clradar.view import beside
+    from clradar.view.server import serve, write_page
     from clradar.view.session import View
     from clradar.view.sources import open_source
     from clradar.view.wish import Wish
@@ -127,18 +127,16 @@ def view_command(
     if mesh is not None:  # one that cannot be read should not cost an image first
         scene = cl.Scene.from_mesh(mesh, unit=place.unit, transform=place.matrix())
     source = open_source(path, variant, watch=watch)
-    second: Others | Simulation | None = None
+    second: beside.Beside | None = None
     if simulated:
-        second = Others(source, tuple(open_source(other) for other in simulated))
+        second = beside.recorded(source, [open_source(other) for other in simulated])
     elif scene is not None:
-        second = Simulation(scene, opened)
+        second = beside.simulated(scene, opened)
     wish = Wish(dynamic_range_db=depth.dynamic_range_db)
     view = View(source=source, wish=wish, beside=second, mesh=scene, device=opened)
     if html is None:
         serve(view, port, print_line)
         return
-    from clradar.view.page_file import write_page
-
     count = write_page(view, html, force=opt.call.force, warn=print_warning)
     print_line(f"{html}: {counted(count, 'frame')}, for any browser")
 
