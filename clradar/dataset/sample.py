@@ -283,9 +283,8 @@ def moving_hand(drawn: SamplePlan, device: Device | str | None = None) -> Moving
     """Return the hand of the sequence that a sample is a frame of."""
     from scipy.spatial.transform import Rotation
 
-    hands, place, movement = drawn.plan.hands, drawn.plan.placement, drawn.plan.movement
-    assert movement is not None
-    assert movement.last is not None
+    hands, place = drawn.plan.hands, drawn.plan.placement
+    movement: Any = drawn.plan.movement
     begin = Rotation.from_matrix(rotation(place.radians))
     end = Rotation.from_matrix(rotation(movement.radians)) * begin
     times_s = (0.0, (movement.frames - 1) / movement.rate_hz)
@@ -329,15 +328,12 @@ def scene_of(mesh: HandMesh | Scene, drawn: SamplePlan) -> Scene:
     return scene.with_alpha({name: alphas[name] for name in scene.part_names})
 
 
-def recorded_capture(
-    drawn: SamplePlan, scene: Scene | MovingHand, device: Device | str | None
-) -> Capture:
-    """Return the simulated capture of a scene, with the impairments of the plan."""
+def recorded_capture(drawn: SamplePlan, scene: Any, device: Device | str | None) -> Capture:
+    """Return the simulated capture of a scene or moving hand, with the plan's impairments."""
     plan = drawn.plan
     array, waveform = plan.radar.antennas, plan.radar.waveform
     settings, movement = plan.simulation.settings(), plan.movement
-    if isinstance(scene, MovingHand):
-        assert movement is not None
+    if movement is not None:
         timing = SweepTiming.in_order(
             array.n_tx, waveform.n_freq, step_s=movement.step_us * 1e-6, order=movement.order
         )
