@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -166,21 +166,15 @@ class SweepTable(FileRecord):
     cluster_us: Annotated[Number, Field(ge=0, lt=1e12, description=_TIME_US)] | None = None
 
 
-class Motion(FileRecord):
-    """What a motion file says.
-
-    Beside its tables `bodies`, motions by the name of a mesh file ("": of all others), `hands`, and
-    the `files` that were read.
-    """
+class MotionFile(FileRecord):
+    """The tables of a motion file."""
 
     body: tuple[BodyTable, ...] = Field((), description="tables [[body]]")
     hand: tuple[HandTable, ...] = Field((), description="tables [[hand]]")
     sweep: SweepTable = SweepTable()
-    _hands: list[MovingHand] = PrivateAttr(default_factory=list)
-    _files: list[Path] = PrivateAttr(default_factory=list)
 
     @model_validator(mode="after")
-    def _moves_something(self) -> Motion:
+    def _moves_something(self) -> MotionFile:
         names = [own.mesh for own in self.body]
         for i, name in enumerate(names):
             if name in names[:i]:
@@ -190,17 +184,18 @@ class Motion(FileRecord):
             raise mistake("[[body]] or [[hand]], at least one", "none", key="body")
         return self
 
-    @property
-    def bodies(self) -> dict[str, RigidMotion]:
-        return {own.mesh: own._motion for own in self.body}
 
-    @property
-    def hands(self) -> list[MovingHand]:
-        return self._hands
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What a motion file says, and the files that were read.
 
-    @property
-    def files(self) -> list[Path]:
-        return self._files
+    Motions of bodies are by the name of a mesh file, "" of all others.
+    """
+
+    bodies: dict[str, RigidMotion]
+    hands: list[MovingHand]
+    sweep: SweepTable
+    files: list[Path]
 
     def timings(self, clusters: Sequence[AntennaArray], waveform: Waveform) -> list[SweepTiming]:
         """Return when samples are recorded by clusters that take turns, or by the only array."""
@@ -252,9 +247,8 @@ def read_motion(path: str | os.PathLike[str]) -> Motion:
     [0.0, 0.0, 0.05]
     """
     path, expected = Path(path), "a motion (a TOML file, see docs/movement.md)"
-    found = read_record(path, Motion, expected)
-    found.files.append(path)
+    found, hands, files = read_record(path, MotionFile, expected), list[MovingHand](), [path]
     for i, hand in enumerate(found.hand):
         with reading(f"{path}: hand[{i}]", expected):
-            found.hands.append(hand.moving(path.parent, found.files))
-    return found
+            hands.append(hand.moving(path.parent, files))
+    return Motion({own.mesh: own._motion for own in found.body}, hands, found.sweep, files)

@@ -98,15 +98,14 @@ class Panel(Front):
                 raise ValueError(f"expected one of {', '.join(known)}")
             self.session.change(**{field: value})
 
-        def now() -> Any:
-            return getattr(self.session.wish, field)
-
+        session = self.session
         if key:
             self.key(
                 key, f"{label}: {', '.join(known)}",
-                lambda: choose(known[(known.index(now()) + 1) % len(known)]),
+                lambda: choose(known[(known.index(getattr(session.wish, field)) + 1) % len(known)]),
             )  # fmt: skip
-        return self.on(self.gui.add_dropdown(label, known, initial_value=now()), choose)
+        now = getattr(session.wish, field)
+        return self.on(self.gui.add_dropdown(label, known, initial_value=now), choose)
 
     def switch(self, label: str, on: bool, act: Callable[[bool], None], key: str = "") -> Any:
         """Add a checkbox, perhaps with a key."""

@@ -91,7 +91,8 @@ def image_pictures(
     image, pictures = chosen.image, {}
     marked = None if at_m is None else (at_m[0], at_m[1])
     if "projection" in chosen.known:
-        title, bar = "Amplitude, maximum over depth", _amplitude_bar(image.dynamic_range_db)
+        title = "Amplitude, maximum over depth"
+        bar = Axis(BELOW_MAXIMUM, -image.dynamic_range_db, 0.0, "amplitude")
         level_db = below_db(image.amplitude, float(image.amplitude.max()))
         pictures["projection"] = _in_radar_view(title, level_db, bar, image, marked)
     if "depth" in chosen.known:
@@ -123,7 +124,7 @@ def slice_pictures(drawn: Drawn, at_m: Place) -> dict[str, Picture]:
     i, j, k = nearest(grid, at_m)
     to_m, (x, y, z) = _length_axes({"x": grid.x_m, "y": grid.y_m, "z": grid.z_m})
     at = float(grid.x_m[i]), float(grid.y_m[j]), float(grid.z_m[k])
-    peak, bar = float(np.abs(data).max()), _amplitude_bar(range_db)
+    peak, bar = float(np.abs(data).max()), Axis(BELOW_MAXIMUM, -range_db, 0.0, "amplitude")
     found = {}
     for name, title, rows, across, up, marked in (
         ("xy", "Slice across z", data[k, ::-1, ::-1], x, y, (at[0], at[1])),
@@ -140,7 +141,8 @@ def overview_picture(capture: Capture, tx: int, rx: int) -> Picture:
     n_tx, n_rx, _ = capture.data.shape
     level = np.linalg.norm(capture.data, axis=2)
     across, up = Axis("Rx", -0.5, n_rx - 0.5), Axis("Tx", -0.5, n_tx - 0.5)
-    level_db, bar = below_db(level, float(level.max())), _amplitude_bar(OVERVIEW_DB)
+    level_db = below_db(level, float(level.max()))
+    bar = Axis(BELOW_MAXIMUM, -OVERVIEW_DB, 0.0, "amplitude")
     return _picture("RMS over frequency", level_db[::-1], bar, across, up, 1.0, (rx, tx))
 
 
@@ -195,10 +197,6 @@ def _length_axes(centres_m: Mapping[str, np.ndarray]) -> tuple[float, list[Axis]
             name, first, last = "\N{LEFTWARDS ARROW} x", last, first
         axes.append(Axis(f"{name} ({unit.name})", first, last))
     return 1 / unit.per_m, axes
-
-
-def _amplitude_bar(dynamic_range_db: float) -> Axis:
-    return Axis(BELOW_MAXIMUM, -dynamic_range_db, 0.0, "amplitude")
 
 
 def _picture(

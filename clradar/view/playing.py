@@ -118,6 +118,7 @@ class Player(Session):
 
     def look(self) -> bool:
         """Look once, and show the newest frame; whether the source could be read."""
+        grew = self.source.grows
         try:
             changed = self.source.look()
         except ClradarError as error:
@@ -127,6 +128,9 @@ class Player(Session):
                 self._front.refuse(self._trouble)
             return False
         self._trouble = ""
+        if self.source.grows and not grew:  # what was played until now is followed
+            super().play(False)
+            self._front.following(self._following)
         self._take(changed)
         if self._asked < 0 and self.quiet_s > QUIET_S:
             self._finish()

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import getpass
 import io
 import logging
+import socket
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -192,9 +194,6 @@ def show(
 
 def address_lines(port: int) -> list[str]:
     """Where the page is, and how to get to it from another machine."""
-    import getpass
-    import socket
-
     try:
         user = getpass.getuser()
     except (OSError, KeyError):  # an account without a name, as in containers

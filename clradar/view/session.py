@@ -105,8 +105,8 @@ class Session:
         """The last used ones, the newest last."""
         self._changed = threading.Condition()
         self._waiting = self._busy = self._closed = self._prepared = False
-        self._due_s = math.inf
-        """When the next frame is played, by `time.monotonic`."""
+        self.due_s = math.inf
+        """When the next frame is played, by `time.monotonic`; infinite: none is."""
         self._thread = threading.Thread(target=self._run, name="clradar view", daemon=True)
         self._thread.start()
 
@@ -132,7 +132,7 @@ class Session:
     def play(self, on: bool) -> None:
         """Begin to go on by a frame as soon as the one before is shown, or stop."""
         with self._changed:
-            self._due_s = time.monotonic() if on else math.inf
+            self.due_s = time.monotonic() if on else math.inf
             self._changed.notify_all()
 
     def settle(self) -> None:
@@ -156,11 +156,11 @@ class Session:
                 self._busy = False
                 self._changed.notify_all()
                 while not (self._closed or self._waiting):
-                    left_s = self._due_s - time.monotonic()
+                    left_s = self.due_s - time.monotonic()
                     if left_s > 0:
                         self._changed.wait(None if math.isinf(left_s) else left_s)
                         continue
-                    self._due_s = time.monotonic() + 1 / PLAYED_HZ
+                    self.due_s = time.monotonic() + 1 / PLAYED_HZ
                     self.step(1)
                 if self._closed:
                     return

@@ -306,9 +306,6 @@ class SampleFrames(Source):
         if not self._there and not watch:
             fail(folder, "a data set with at least one sample", "none")
 
-    def _label_of(self, frame: int, known: Any) -> str:
-        return f"sample {frame}"
-
     def _content_of(self, frame: int, known: Any) -> Content:
         """Read the volume that is stored, else the capture, else projection and depth map.
 
@@ -323,24 +320,20 @@ class SampleFrames(Source):
         grid = self._manifest.plan.image.grid
         if "volume" in arrays:
             return Volume(arrays["volume"], grid)
-        known = {"projection": "max_projection", "depth": "depth_map"}
-        known = {name: array for name, array in known.items() if array in arrays}
-        if not known:
+        products = (("projection", "max_projection"), ("depth", "depth_map"))
+        stored = tuple(name for name, array in products if array in arrays)
+        if not stored:
             fail(self._folder, "a product that can be drawn", ", ".join(arrays))
         depth_m = arrays.get("depth_map", np.full(grid.shape[1:], np.nan))
         amplitude = np.abs(arrays.get("max_projection", np.isfinite(depth_m))).astype(np.float64)
         image = DepthMap(depth_m.astype(np.float64), amplitude, grid.x_m, grid.y_m)
-        return Flat(image, tuple(known))
+        return Flat(image, stored)
 
     def _truth_of(self, frame: int) -> Truth:
         sample = self._sample(frame)
         arrays = sample.arrays
-        return Truth(
-            arrays.get("mesh_vertices"),
-            arrays.get("mesh_faces"),
-            arrays.get("joints"),
-            _recipe_lines(read_recipe(sample.recipe)),
-        )
+        mesh_m, faces, joints_m = map(arrays.get, ("mesh_vertices", "mesh_faces", "joints"))
+        return Truth(mesh_m, faces, joints_m, _recipe_lines(read_recipe(sample.recipe)))
 
     def look(self) -> bool:
         """Wait a second, take in what was stored since; return whether there are other samples."""
@@ -354,7 +347,8 @@ class SampleFrames(Source):
     def _take_in(self) -> None:
         # When they were written is not known: new ones came now.
         self._manifest, now_s = read_manifest(self._folder), time.perf_counter()
-        self._there = {n: self._there.get(n, (None, now_s)) for n in self._manifest.stored}
+        stored = self._manifest.stored
+        self._there = {n: self._there.get(n, (f"sample {n}", now_s)) for n in stored}
 
     def _read_sample(self, frame: int) -> Sample:
         shard = self._folder / self._manifest.place_of(frame)

@@ -6,9 +6,8 @@ from contextlib import contextmanager
 import numpy as np
 
 import clradar
-from clradar.view import session
 from clradar.view.playing import Player
-from clradar.view.session import Shown, View
+from clradar.view.session import Front as Told, Shown, View
 from clradar.view.sources import Source
 from clradar.view.wish import Wish
 
@@ -30,22 +29,24 @@ def frames(*contents, name="rec"):
     return Source(name, labels, contents.__getitem__)
 
 
-class Front(session.Front):
+class Front(Told):
     """What is shown and said."""
 
     def __init__(self):
         self.shown: list[Shown] = []
         self.said: list[str] = []
+        self.followed: list[bool] = []
 
     def show(self, shown):
         self.shown.append(shown)
 
+    def following(self, on):
+        self.followed.append(on)
+
     def refuse(self, text):
         self.said.append(text)
 
-    @property
-    def wishes(self):
-        return [shown.wish for shown in self.shown]
+    wishes = property(lambda self: [shown.wish for shown in self.shown])
 
 
 class SlowImager:

@@ -188,8 +188,6 @@ def test_a_mesh_that_is_hidden_stays_so_from_layout_to_layout():
         assert not scene.mesh.visible
 
 
-# ---- a view as one file
-
 SIDE = slice(150, 600), slice(20, 780)
 """Rows and columns of the scene between the browser's notices and viser's controls."""
 

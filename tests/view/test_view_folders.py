@@ -1,13 +1,14 @@
 """Sources of the live view, folders that change while it looks, and how the command ends."""
 
 import json
+import math
 import signal
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-from fronts import Front, capture, frames, volume
+from fronts import Front, capture, frames, session_of, volume
 from nightly import nightly
 from systems import posix_only
 
@@ -108,10 +109,13 @@ def test_a_half_written_file_is_shown_once_it_is_whole(watched):
 def test_a_folder_that_grows_without_watching_is_followed(tmp_path):
     save_volume(tmp_path / "a.h5", volume(1.0))
     source = open_source(tmp_path)
-    assert not source.grows
-    save_volume(tmp_path / "b.h5", volume(2.0))
-    assert any(source.look() for _ in range(3))
-    assert source.grows
+    with session_of(source, Wish()) as (session, front):
+        session.play(True)
+        save_volume(tmp_path / "b.h5", volume(2.0))
+        while not source.grows:
+            session.look()
+        assert front.followed[0]
+        assert session.due_s == math.inf
 
 
 def test_a_folder_that_is_away_for_a_while(watched, tmp_path):
@@ -173,10 +177,7 @@ def test_without_viser_the_error_says_what_to_install(monkeypatch):
 
 
 def test_the_address_is_of_this_machine_alone(monkeypatch):
-    def nameless():
-        raise KeyError("getpwuid(): uid not found: 4711")
-
-    monkeypatch.setattr("getpass.getuser", nameless)
+    monkeypatch.setattr("getpass.getuser", lambda: {}["uid not found"])
     here, tunnel = server.address_lines(8080)
     assert here.startswith("http://127.0.0.1:8080 ")
     assert "ssh -L 8080:127.0.0.1:8080 USER@" in tunnel

@@ -154,8 +154,6 @@ def test_a_frame_that_is_chosen_while_a_quick_image_is_made_is_imaged_accurately
     assert [(wish.frame, wish.quick) for wish in front.wishes] == [(0, False)]
 
 
-# ---- beside a measurement: other files, and simulations of a mesh
-
 MESH = clradar.Scene([[0, 0, 0.3], [0.01, 0, 0.3], [0, 0.01, 0.3]], [[0, 1, 2]])
 
 
