@@ -64,11 +64,10 @@ def regular_file_size(
             status = os.stat(path)
         except FileNotFoundError:
             fail(path, expected, "nothing there (No such file or directory)", error=error)
-    if stat.S_ISDIR(status.st_mode):
-        fail(path, expected, "a folder", error=error)
-    if not stat.S_ISREG(status.st_mode):
-        fail(path, expected, "something that is no regular file", error=error)
-    with reading(path, expected, error=error):
+        if stat.S_ISDIR(status.st_mode):
+            fail(path, expected, "a folder", error=error)
+        if not stat.S_ISREG(status.st_mode):
+            fail(path, expected, "something that is no regular file", error=error)
         if status.st_size > MAX_HOLES_BYTES and _holes_bytes(path) > MAX_HOLES_BYTES:
             wanted = f"a file without holes of {MAX_HOLES_BYTES} bytes (cp --sparse=never)"
             fail(path, wanted, f"{status.st_size} bytes with more", error=error)

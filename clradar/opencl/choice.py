@@ -18,12 +18,7 @@ ALL = "all"
 VARIABLES = ("CLRADAR_DEVICE", "PYOPENCL_CTX")
 """Each names a device; the first that is set counts."""
 
-_ALIASES = {
-    "pocl": POCL,
-    "intel": "intel",
-    "nvidia": "nvidia",
-    "oclgrind": "oclgrind",
-}
+_PLATFORMS = {"pocl": POCL, **{name: name for name in ("intel", "nvidia", "oclgrind")}}
 
 
 def open_device(
@@ -95,18 +90,13 @@ def cpu_beside(device: Device) -> Device | None:
     return opened(info.selector)
 
 
+@lru_cache(maxsize=64)
 def fault(selector: str) -> str | None:
     """Why a device cannot be used, in a few words, tested once; None if nothing is wrong."""
-    error = _failure(selector)
-    return None if error is None else quoted(str(error).split("; ")[0].split("]: ", 1)[-1], 120)
-
-
-@lru_cache(maxsize=64)
-def _failure(selector: str) -> DeviceError | None:
     try:
         self_test(opened(selector))
     except DeviceError as error:
-        return error
+        return quoted(str(error).split("; ")[0].split("]: ", 1)[-1], 120)
     return None
 
 
@@ -219,12 +209,12 @@ def _meant(wanted: str | None, origin: str) -> list[DeviceInfo]:
     elif _is_selector(key):
         exact = key if ":" in key else f"{key}:0"
         matches = [info for info in infos if info.selector == exact]
-    elif key in _ALIASES:
+    elif key in _PLATFORMS:
         # By platform only: an Intel processor driven by PoCL is not Intel's runtime.
-        matches = [info for info in infos if _ALIASES[key] in info.platform.lower()]
+        matches = [info for info in infos if _PLATFORMS[key] in info.platform.lower()]
     else:
         # PYOPENCL_CTX may be "platform:device" by name.
-        parts = [_ALIASES.get(part, part) for part in key.split(":") if part]
+        parts = [_PLATFORMS.get(part, part) for part in key.split(":") if part]
         matches = [info for info in infos if parts and all(p in info.label.lower() for p in parts)]
     if not matches:
         listing = "; ".join(f"{info.selector} {info.label}" for info in infos)

@@ -21,6 +21,7 @@ import platform
 import re
 import sys
 import threading
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -57,19 +58,21 @@ def named_target(device: Any) -> str | None:
         return None
     with _lock:
         if device.int_ptr not in _named:
-            _named[device.int_ptr] = None
-            address = _name_address(device.int_ptr)
-            target = None if address is None else _target(_room(address))
-            if address is not None and target is not None:
-                ctypes.memmove(address, target, len(target))
-                _named[device.int_ptr] = target[:-1].decode()
-                _log.info(
-                    "%s does not know this processor (%s): it compiles for %s",
-                    device.platform.version.split("  ")[0],
-                    device.name.strip(),
-                    _named[device.int_ptr],
-                )
-        return _named[device.int_ptr]
+            with suppress(OSError):  # where the system's files cannot be read
+                _named[device.int_ptr] = _write_name(device)
+        return _named.get(device.int_ptr)
+
+
+def _write_name(device: Any) -> str | None:
+    address = _name_address(device.int_ptr)
+    target = None if address is None else _target(_room(address))
+    if address is None or target is None:
+        return None
+    ctypes.memmove(address, target, len(target))
+    version, name = device.platform.version.split("  ")[0], target[:-1].decode()
+    unknown = f"{version} does not know this processor ({device.name.strip()})"
+    _log.info("%s: it compiles for %s", unknown, name)
+    return name
 
 
 def _is_old_pocl(device: Any) -> bool:
@@ -81,10 +84,7 @@ def _is_old_pocl(device: Any) -> bool:
 
 def _name_address(structure: int) -> int | None:
     """Where the name is, if it is "generic": exactly one pointer, behind that to the triple."""
-    try:
-        maps = _Maps(MAPS.read_text(encoding="ascii", errors="replace"))
-    except OSError:
-        return None
+    maps = _Maps(MAPS.read_text(encoding="ascii", errors="replace"))
     size = 8
     words = [
         int.from_bytes(maps.read(structure + at, size), sys.byteorder)
@@ -124,10 +124,7 @@ def _room(address: int) -> int:
 
 def _target(room: int) -> bytes | None:
     """The best name for this processor's features that fits, with its terminating zero."""
-    try:
-        text = PROCESSORS.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return None
+    text = PROCESSORS.read_text(encoding="utf-8", errors="replace")
     flags = re.search(r"^flags\s*:(.*)$", text, re.MULTILINE)
     features = set(flags[1].split()) if flags else set()
     fitting = (name for needed, name in _TARGETS if needed <= features and len(name) <= room)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from clradar.errors import RigError, warn
-from clradar.files.confined import process
 from clradar.files.failures import fail, reading, regular_file_size
 from clradar.files.limits import MAX_RIG_ANSWER_BYTES
 from clradar.files.meshes.gltf_document import GLB_MAGIC
-from clradar.files.meshes.reading import confined_reader
+from clradar.files.meshes.reading import run_confined
 from clradar.model import checks
 from clradar.rigs.anatomy import UNITS_M
 from clradar.rigs.mano import plain_mano
@@ -71,18 +71,18 @@ def read_rig(
     if isinstance(unit, str):
         unit = UNITS_M[checks.one_of("unit", unit, tuple(UNITS_M))]
     unit_m = 1.0 if unit is None else checks.positive("unit", unit)
-    size = regular_file_size(file, EXPECTED, error=RigError)
+    regular_file_size(file, EXPECTED, error=RigError)
     with reading(file, EXPECTED, error=RigError), open(file, "rb") as opened:
         start = opened.read(64)
     needed = ("clradar.rigs.anatomy:reference_hand",)  # which reads the poses of the package
-    reader = confined_reader(EXPECTED, size, MAX_RIG_ANSWER_BYTES, RigError, needed)
+    read = partial(run_confined, expected=EXPECTED, error=RigError, most_bytes=MAX_RIG_ANSWER_BYTES)
     # Pickles of protocol 2 and later begin with a byte of their own; earlier ones with any opcode.
     if start.startswith((b"PK\x03\x04", b"\x80")) or file.suffix.lower() in (".pkl", ".pickle"):
         if mapping is not None:
             checks.fail("mapping", "none for a MANO model, whose joints are known", "one")
         given = [] if betas is None else betas
         amounts = checks.read_only("betas", given, np.float64, (None,), allow_empty=True).tolist()
-        return Rig.of_plain(process.run(reader, plain_mano, file, amounts, unit_m, handedness))
+        return Rig.of_plain(read(plain_mano, file, amounts, unit_m, handedness, modules=needed))
     if betas is not None:
         checks.fail("betas", "a MANO model (.pkl, .npz) for them", f"{file.name}")
     if not start.startswith(GLB_MAGIC) and start.lstrip(_BLANKS)[:1] != b"{":
@@ -91,7 +91,7 @@ def read_rig(
     from clradar.rigs.mapping_record import nodes_of
 
     nodes = None if mapping is None else nodes_of(mapping, file)
-    rig = Rig.of_plain(process.run(reader, plain_gltf, file, nodes, unit_m, handedness))
+    rig = Rig.of_plain(read(plain_gltf, file, nodes, unit_m, handedness, modules=needed))
     if rig.ignored:
         names = ", ".join(f"'{name}'" for name in rig.ignored)
         warn(f"{file}: the hand does not move these meshes, which are left out: {names}")

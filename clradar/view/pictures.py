@@ -168,10 +168,8 @@ def pair_curves(
 
 
 def _level_db(samples: np.ndarray) -> np.ndarray:
-    magnitude = np.abs(samples)
-    floor = float(magnitude.max()) * 10 ** (-SHOWN_DB / 20) or 1e-30
-    level_db: np.ndarray = 20 * np.log10(np.maximum(magnitude, floor))
-    return level_db
+    level_db = below_db(np.maximum(np.abs(samples), 1e-30), 1.0)
+    return np.maximum(level_db, level_db.max() - SHOWN_DB)
 
 
 def _in_radar_view(

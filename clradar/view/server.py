@@ -23,7 +23,7 @@ from clradar.view.gate import HOST, gate, hidden_host, listen
 from clradar.view.panel import Panel
 from clradar.view.scene import UNITS_PER_M, SceneView
 from clradar.view.session import Front, Session, View
-from clradar.view.sources import Source, StreamFrames, viewed
+from clradar.view.sources import Source, StreamFrames
 from clradar.view.wish import Wish
 
 MOST_BYTES = 200 * 2**20
@@ -182,10 +182,11 @@ def show(
     if isinstance(frames, Sequence):
         if not frames:
             raise ClradarError("show: expected at least one frame, got none")
-        # A recording has them, and is not read for its labels.
-        numbers = getattr(frames, "frame_numbers", None) or [
-            viewed(one).meta.get("frame", i) for i, one in enumerate(frames)
-        ]
+        numbers = getattr(frames, "frame_numbers", None)
+        if numbers is None:  # which a recording has: it is not read for its labels
+            for one in frames:
+                checks.instance("show: frames", one, Capture | Volume)
+            numbers = [one.meta.get("frame", i) for i, one in enumerate(frames)]
         source = Source(title, tuple(f"frame {n}" for n in numbers), frames.__getitem__)
     else:
         source = StreamFrames(frames, title)

@@ -190,7 +190,10 @@ class Session:
         if self._beside is not None:  # which is compared with it
             wish = replace(wish, quick=False)
         if isinstance(content, Capture) and wish.grid is None:
-            wish = self._placed(wish, content)
+            wish = replace(wish, grid=live_grid(place_grid(content, device=self._device)))
+            with self._changed:  # unless a grid has been wished for meanwhile
+                if self.wish.grid is None:
+                    self.wish = replace(self.wish, grid=wish.grid)
         image, self._prepared = content, False
         if isinstance(content, Capture):
             image = self._imaged(wish, (wish.frame,), lambda: content)
@@ -202,13 +205,6 @@ class Session:
     def _show(self, shown: Shown) -> None:
         self._front.show(shown)
         self.shown = shown
-
-    def _placed(self, wish: Wish, capture: Capture) -> Wish:
-        grid = live_grid(place_grid(capture, device=self._device))
-        with self._changed:  # unless a grid has been wished for meanwhile
-            if self.wish.grid is None:
-                self.wish = replace(self.wish, grid=grid)
-        return replace(wish, grid=grid)
 
     def _second(self, wish: Wish, content: Content, first: Drawn) -> Drawn | None:
         if self._beside is None or first.volume is None:

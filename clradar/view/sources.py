@@ -215,12 +215,6 @@ class FolderFrames(Source):
             self._there = files
 
 
-def viewed(frame: Any) -> Capture | Volume:
-    """Return a frame of `clradar.view.show`, or raise `ModelError` if it is none."""
-    checks.instance("show: frames", frame, Capture | Volume)
-    return frame
-
-
 class StreamFrames(Source):
     """Captures or volumes of an iterable, gone through in a thread; the last ones are kept."""
 
@@ -248,7 +242,8 @@ class StreamFrames(Source):
     def _run(self, frames: Iterable[Capture | Volume]) -> None:
         try:
             for count, frame in enumerate(frames):
-                kept = {**self._there, count: (viewed(frame), time.perf_counter())}
+                checks.instance("show: frames", frame, Capture | Volume)
+                kept = {**self._there, count: (frame, time.perf_counter())}
                 left = sum(one.data.nbytes for one, _ in kept.values())
                 while left > KEPT_BYTES and len(kept) > 1:
                     left -= kept.pop(next(iter(kept)))[0].data.nbytes

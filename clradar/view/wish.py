@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.model import VoxelGrid, checks
 
 Place: TypeAlias = tuple[float, float, float]
-Extent: TypeAlias = tuple[float, float]
 
 BY_ALPHA = "by \N{GREEK SMALL LETTER ALPHA}"
 """The choice of material that takes the roughness of the paper instead."""
@@ -80,8 +79,8 @@ def live_grid(placed: VoxelGrid) -> VoxelGrid:
     raise AssertionError
 
 
-def grid_mm(x_mm: Extent, y_mm: Extent, z_mm: Extent, step_mm: float) -> VoxelGrid:
-    """Return the grid from the first ends on, as far as whole steps reach; millimetres."""
+def grid_mm(x_mm: Any, y_mm: Any, z_mm: Any, step_mm: float) -> VoxelGrid:
+    """Return the grid between two ends each, from the first as far as whole steps reach; mm."""
     step_mm = checks.positive("voxel size", step_mm)
     counts = []
     for name, (first, last) in zip("xyz", (x_mm, y_mm, z_mm), strict=True):

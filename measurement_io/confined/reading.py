@@ -24,7 +24,6 @@ def run(
     *arguments: Any,
     most_bytes: int | None = None,
     expected: str = EXPECTED,
-    library: str = "the HDF5 library",
     modules: tuple[str, ...] = ("h5py",),
     mapped_bytes: int = 0,
     copies: int = 2,
@@ -34,16 +33,18 @@ def run(
 
     At most `most_bytes` of arrays come back, eight times the file's size if not given; `copies` of
     them, or of the file, may be in memory at a time, without the `mapped_bytes`, which take none.
-    All else is as of `clradar.files.confined.process.Reader` and `run`.
+    All else is as of `clradar.files.confined.process.run`.
     """
     size = regular_file_size(path, expected)
     inflated = 0 if most_bytes is None else most_bytes
-    reader = process.Reader(
+    return process.run(
+        function,
+        path,
+        *arguments,
         expected=expected,
-        library=library,
         cpu_s=CPU_LIMIT_S * (1 + size // CPU_LIMIT_BYTES + inflated // CPU_LIMIT_INFLATED_BYTES),
         memory_bytes=MEMORY_BYTES + copies * (inflated or size) + mapped_bytes,
         most_bytes=8 * size if most_bytes is None else most_bytes,
         modules=modules,
+        companion=companion,
     )
-    return process.run(reader, function, path, *arguments, companion=companion)

@@ -19,17 +19,17 @@ _SHOWN_KEYS = 30
 _HDF5_OFFSETS = (0, 512, 1024, 2048, 4096)
 """Where HDF5 may begin: a program can put a block of its own before it, as MATLAB does."""
 
-_LIBRARIES = {
-    "hdf5": ("the HDF5 library", ("h5py",)),
-    "npz": ("numpy", ("numpy.lib.format", "zipfile", "zlib")),
-    "npy": ("numpy", ("numpy.lib.format",)),
-    "mat5": ("scipy", ("scipy.io", "scipy.io.matlab", "scipy.sparse")),
+_MODULES = {
+    "hdf5": ("h5py",),
+    "npz": ("numpy.lib.format", "zipfile", "zlib"),
+    "npy": ("numpy.lib.format",),
+    "mat5": ("scipy.io", "scipy.io.matlab", "scipy.sparse"),
 }
-"""Form -> what reads it, and the modules that it needs."""
+"""Form -> the modules that what reads it needs."""
 
 
 def form_of(path: Path, expected: str = "a capture, a volume or a recording") -> str | None:
-    """Return the form of a file by its first bytes, a key of `_LIBRARIES`; None for another one."""
+    """Return the form of a file by its first bytes, a key of `_MODULES`; None for another one."""
     regular_file_size(path, expected)
     with reading(path, expected), open(path, "rb") as file:
         start = file.read(_HDF5_OFFSETS[-1] + len(HDF5_MAGIC))
@@ -58,12 +58,11 @@ class LabFile:
         form = form_of(path)
         if form is None:
             fail(path, EXPECTED, "something else")
-        library, modules = _LIBRARIES[form]
         names = [(name.strip("/"), list(pick.items())) for name, pick in wanted]
         found = run(
             read_contents, path, form, names, copies=1,
             most_bytes=MAX_ARRAY_BYTES + MAX_LISTS_BYTES if wanted else None,
-            expected=EXPECTED, library=library, modules=modules,
+            expected=EXPECTED, modules=_MODULES[form],
             mapped_bytes=path.stat().st_size if form == "npy" else 0,
         )  # fmt: skip
         keys = {name: Key(name, tuple(shape), kind) for name, shape, kind in found["keys"]}

@@ -201,6 +201,6 @@ def read_png16(path: Path) -> np.ndarray:
     """Return a 16-bit grey image, shape (rows, columns), uint16; row 0 is the first of the file."""
     found: np.ndarray = run(
         pixels, path, MAX_IMAGE_PIXELS, most_bytes=2 * MAX_IMAGE_PIXELS, expected=PNG,
-        library="Pillow", modules=("PIL.Image", "PIL.PngImagePlugin"),
+        modules=("PIL.Image", "PIL.PngImagePlugin"),
     )  # fmt: skip
     return found

@@ -53,7 +53,7 @@ def read_frame_file(
 def is_plain_array(path: Path) -> bool:
     """Whether an `.npy` file holds an array of numbers or text, and no pickled object."""
     modules = ("numpy.lib.format",)
-    return run(is_plain, path, expected=EXPECTED, library="numpy", modules=modules)
+    return run(is_plain, path, expected=EXPECTED, modules=modules)
 
 
 def read_time_stamp(path: Path, companion: Companion | None = None) -> int | float | None:
@@ -75,7 +75,7 @@ def _dictionary(path: Path, companion: Companion | None, only: str | None = None
         fail(path, f"{EXPECTED} of at most {MAX_FRAME_BYTES} bytes", f"{size} bytes")
     found: dict[str, Any] = run(
         read_dictionary, path, only, most_bytes=2 * size, expected=EXPECTED,
-        library="Python's pickle", modules=("numpy.lib.format",), companion=companion,
+        modules=("numpy.lib.format",), companion=companion,
     )  # fmt: skip
     return found
 

@@ -34,7 +34,7 @@ from clradar.opencl import (
 )
 from clradar.opencl.buffers import OnDevice
 from clradar.opencl.choice import chosen_device
-from clradar.opencl.program import group_shape, launch_parts, self_test
+from clradar.opencl.program import launch_parts, self_test
 from clradar.opencl.sources import source
 
 # Which device ------------------------------------------------------------------------------------
@@ -68,17 +68,18 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Pretend that the machine has these devices, and that no variable chooses one."""
     monkeypatch.delenv("CLRADAR_DEVICE", raising=False)
     monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    fault = choice.fault.__wrapped__  # which remembers nothing
+    why = (
+        "self_test.cl does not build (error: unknown target CPU 'generic'); choose; the log:\nmore"
+    )
 
     def pretend(*infos: DeviceInfo, failing: Sequence[DeviceInfo] = ()) -> None:
-        errors = {
-            info.selector: DeviceError(
-                f"device {info.label}: self_test.cl does not build (error: unknown target CPU "
-                "'generic'); choose another; the log:\nmore\n"
-            )
-            for info in failing
-        }
+        said = [DeviceError(f"device {info.label}: {why}") for info in failing]
+        errors = {info.selector: raising(error) for info, error in zip(failing, said, strict=True)}
         monkeypatch.setattr(device_module, "_found", lambda: [(i, None) for i in infos])
-        monkeypatch.setattr(choice, "_failure", errors.get)
+        monkeypatch.setattr(choice, "opened", lambda selector, *_: selector)
+        monkeypatch.setattr(choice, "self_test", lambda selector: errors.get(selector, id)(0))
+        monkeypatch.setattr(choice, "fault", fault)
         monkeypatch.setattr(choice, "_told", set())
 
     return pretend
@@ -430,7 +431,6 @@ __kernel void scale(__global float *x) {
 
 def test_a_cpu_beside_a_gpu_is_one_that_works(device, machine, monkeypatch):
     gpu = replace(device, info=CARD)
-    monkeypatch.setattr(choice, "opened", lambda selector, *rest: selector)
     machine(CARD, POCL, INTEL)
     assert cpu_beside(gpu) == INTEL.selector
     machine(CARD, POCL, INTEL, failing=(INTEL,))
@@ -474,8 +474,7 @@ def test_a_build_error_has_device_options_and_log(device, kernel_text):
         assert part in message  # options, what to do, the compiler's log
 
 
-def test_items_in_groups_and_launches():
-    assert (group_shape((12, 16384), 64), group_shape((1000,), 64)) == ((16, 4), (64,))
+def test_the_last_axes_of_launches_are_cut_first():
     starts = [at for at, _ in launch_parts((128, 2), (64, 1), 70)]
     assert starts == [(0, 0), (0, 1), (64, 0), (64, 1)]
 

@@ -37,10 +37,6 @@ def content(path: Path) -> list[Any]:
     return [np.frombuffer(read, np.uint8), os.getpid()]
 
 
-def open_the_file(path: Path, other: str) -> int:
-    return len(Path(other).read_bytes())
-
-
 def crash(path: Path) -> None:
     os.kill(os.getpid(), signal.SIGSEGV)
 
@@ -73,6 +69,11 @@ def write(path: Path, target: str) -> None:
 def open_another(path: Path, other: str) -> str:
     with hdf5_guard.opened(path, "an HDF5 file"):
         return Path(other).read_text()
+
+
+def open_after_reading(path: Path, other: str) -> str:
+    process.file_bytes(path, "a file", 2**20)
+    return Path(other).read_text()
 
 
 def start_a_program(path: Path) -> int:

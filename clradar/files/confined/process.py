@@ -28,10 +28,9 @@ import warnings
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any
+from typing import Any, BinaryIO
 
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.confined import wire
@@ -49,7 +48,7 @@ try:
 except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
-_READY = b"ready"
+_READY = b"ready\n"
 _NO_CONTENT = b"\xff" * 8
 _ENCODINGS = (
     "ascii", "latin-1", "utf-8", "utf-8-sig", "raw-unicode-escape", "cp437",
@@ -68,73 +67,62 @@ _server: tuple[subprocess.Popen[bytes], socket.socket] | None = None
 _confined = False
 
 
-@dataclass(frozen=True, slots=True)
-class Reader:
-    """What reads a kind of file, and how much of the machine it may take for one.
-
-    `expected` and `library` are words for messages ("a readable HDF5 file", "the HDF5 library");
-    `memory_bytes` is on top of what the process has when it starts, `most_bytes` limits the arrays
-    that come back, and `modules` are imported, functions ("module:name") called before the fork:
-    later it can open no file.
-    """
-
-    expected: str
-    library: str
-    cpu_s: int
-    memory_bytes: int
-    most_bytes: int
-    modules: tuple[str, ...] = ()
-    error: type[ClradarError] = MeasurementError
-
-
 def run(
-    reader: Reader,
     function: Callable[..., Any],
     path: Path,
     *arguments: Any,
+    expected: str,
+    cpu_s: int,
+    memory_bytes: int,
+    most_bytes: int,
+    modules: tuple[str, ...] = (),
+    error: type[ClradarError] = MeasurementError,
     companion: Companion | None = None,
 ) -> Any:
     """Call `function(path, *arguments)` in a confined process and return its result.
 
     The function is one of a module. It returns what `clradar.files.confined.wire` can send, and
     calls `file_bytes`, or `forbid_opening` when it has opened what it needs. Its arguments are what
-    JSON can hold. A companion reads this file and others like it where a process for each would be
-    started; the function then takes the content by `file_bytes` alone.
+    JSON can hold. `expected` says in messages what the file is to be; `memory_bytes` is on top of
+    what the process has when it starts, `most_bytes` limits the arrays that come back, and
+    `modules` are imported, functions ("module:name") called before: later it can open no file.
+
+    A companion reads this file and others like it where a process for each would be started; the
+    function then takes the content by `file_bytes` alone.
     """
     request = {
         "module": function.__module__,
         "function": function.__qualname__,
-        "modules": reader.modules,
+        "modules": modules,
         "folder": os.getcwd(),
         "path": os.fspath(path),
         "arguments": arguments,
-        "expected": reader.expected,
-        "cpu_s": reader.cpu_s,
-        "memory_bytes": reader.memory_bytes,
+        "expected": expected,
+        "cpu_s": cpu_s,
+        "memory_bytes": memory_bytes,
     }
     message = json.dumps(request).encode("ascii")
     if len(message) > MAX_REQUEST_BYTES:
         got = f"{len(message)} bytes of them"
-        fail(path, "a path and keys of sane length", got, error=reader.error)
+        fail(path, "a path and keys of sane length", got, error=error)
     try:
         if _FORKS:
-            wall_s = START_LIMIT_S + WALL_FACTOR * reader.cpu_s
-            answer = _answer_of(message, reader.most_bytes, wall_s)
+            answer = _answer_of(message, most_bytes, START_LIMIT_S + WALL_FACTOR * cpu_s)
         else:
             content, own = None, companion or Companion()
             if companion is not None:
-                content = read_bytes(path, reader.expected, MAX_FRAME_BYTES, error=reader.error)
-            answer = own.answer(message, content, reader.most_bytes, reader.cpu_s)
-    except NoServer as error:
-        fail(path, "a process to read it in", clean(error), error=reader.error, cause=error)
-    except (wire.BrokenMessage, OSError) as error:
-        limits = f"{reader.cpu_s} s or {reader.memory_bytes >> 20} MiB"
-        got = f"one on which {reader.library} crashes, or takes more than {limits}"
-        fail(path, reader.expected, got, error=reader.error, cause=error)
+                content = read_bytes(path, expected, MAX_FRAME_BYTES, error=error)
+            answer = own.answer(message, content, most_bytes, cpu_s)
+    except NoServer as cause:
+        fail(path, "a process to read it in", clean(cause), error=error, cause=cause)
+    except (wire.BrokenMessage, OSError) as cause:
+        limits = f"{cpu_s} s or {memory_bytes >> 20} MiB"
+        got = f"one on which its reader crashes, or takes more than {limits}"
+        fail(path, expected, got, error=error, cause=cause)
     if not isinstance(answer, dict) or ("error" in answer) == ("result" in answer):
-        fail(path, reader.expected, "an invalid answer of its process", error=reader.error)
+        fail(path, expected, "an invalid answer of its process", error=error)
     if "error" in answer:
-        raise reader.error(clean(answer["error"], 4))  # ours, with paths and words of the file
+        raise error(clean(answer["error"], 4))  # ours, with paths and words of the file
     return answer["result"]
 
 
@@ -159,46 +147,45 @@ def _answer_of(message: bytes, most_bytes: int, wall_s: float) -> Any:
 def _running_server() -> socket.socket:
     """The link to the server; another one where it has died, which no file can cause."""
     global _server
+    if sys.platform == "win32":
+        raise NotImplementedError
     with _lock:
         if _server is not None and _server[0].poll() is not None:
             _server[1].close()
             _server = None
         if _server is None:
-            _server = _start_server()
+            ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            try:
+                process, answers = _started("serve", theirs)
+            except NoServer:
+                ours.close()
+                raise
+            finally:
+                theirs.close()
+            answers.close()
+            _server = process, ours
         return _server[1]
 
 
-def _start_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
-    if sys.platform == "win32":
-        raise NotImplementedError
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    with theirs:
-        process = _started(
-            f"serve; serve({theirs.fileno()})",
-            pass_fds=[theirs.fileno()],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-        )
-    if ours.recv(len(_READY)) != _READY:
-        ours.close()
-        _end(process)
-        raise NoServer(f"it does not start: {sys.executable}")
-    return process, ours
-
-
-def _started(call: str, **options: Any) -> subprocess.Popen[bytes]:
-    """Start Python with a function of this module."""
+def _started(call: str, requests: Any) -> tuple[subprocess.Popen[bytes], Any]:
+    """Start Python with a function of this module; return the process and its output."""
     path = [os.path.abspath(entry) for entry in sys.path]
-    code = f"import sys; sys.path[:] = {path!r}; from {__name__} import {call}"
+    code = f"import sys; sys.path[:] = {path!r}; from {__name__} import {call}; {call}()"
     try:
-        return subprocess.Popen(
+        process = subprocess.Popen(
             [sys.executable, "-c", code],
+            stdin=requests,
+            stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-            **options,
         )
     except OSError as error:
         raise NoServer(clean(error)) from error
+    assert process.stdout is not None
+    if not any(line.endswith(_READY) for line in process.stdout):  # others may print before
+        _end(process)
+        raise NoServer(f"it does not start: {sys.executable}")
+    return process, process.stdout
 
 
 class Companion:
@@ -237,12 +224,7 @@ class Companion:
 
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._owner != os.getpid():
-            pipe = subprocess.PIPE
-            process = _started("serve_many; serve_many()", stdin=pipe, stdout=pipe)
-            assert process.stdout is not None
-            if process.stdout.read(len(_READY)) != _READY:
-                _end(process)
-                raise NoServer(f"it does not start: {sys.executable}")
+            process, _ = _started("serve_many", subprocess.PIPE)
             self._process, self._owner = process, os.getpid()
             weakref.finalize(self, _end, process)
         return self._process
@@ -280,13 +262,22 @@ if hasattr(os, "register_at_fork"):
 # ---- the other side
 
 
-def serve(link_number: int) -> None:
-    """Answer requests, each in a forked process, until the other end closes."""
+def _greet() -> BinaryIO:
+    """Say that this process has started; return its output, which nothing else can write to."""
+    answer = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    answer.write(_READY)
+    answer.flush()
+    return answer
+
+
+def serve() -> None:
+    """Answer requests of a socket, each in a forked process, until the other end closes."""
     if sys.platform == "win32":
         raise NotImplementedError
     warnings.simplefilter("ignore")  # of forks, which are intended here
-    with socket.socket(fileno=link_number) as link:
-        link.send(_READY)
+    _greet().close()
+    with socket.socket(fileno=0) as link:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # ended processes need no wait
         while True:
@@ -296,7 +287,7 @@ def serve(link_number: int) -> None:
             with suppress(Exception):  # once, and not by every process
                 _import_all(json.loads(message))
             if os.fork() == 0:
-                link.close()
+                os.dup2(1, 0)  # closes the link
                 with suppress(BaseException), os.fdopen(handles[0], "wb") as answer:
                     _answer(json.loads(message), answer)
                 os._exit(0)
@@ -312,10 +303,7 @@ def serve_many() -> None:
     global _handed
     warnings.simplefilter("ignore")
     requests = sys.stdin.buffer
-    with os.fdopen(os.dup(1), "wb") as answer:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        answer.write(_READY)
-        answer.flush()
+    with _greet() as answer:
         while length := requests.read(8):
             request = json.loads(requests.read(int.from_bytes(length, "little")))
             size = requests.read(8)
@@ -396,11 +384,5 @@ def file_bytes(
 
 def forbid_opening() -> None:
     """Let this process open nothing any more, if it is one that reads for another."""
-    if not _confined or sys.platform == "win32":
-        return
-    try:
-        free = os.dup(0)
-    except OSError:  # it is forbidden already
-        return
-    os.close(free)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (free, free))
+    if _confined and sys.platform != "win32":
+        resource.setrlimit(resource.RLIMIT_NOFILE, (0, 0))  # of numbers of files from now on

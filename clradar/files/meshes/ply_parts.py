@@ -50,31 +50,24 @@ def ply_of_parts(
     return b"\n".join([magic, form, comments.encode() + rest])
 
 
-def with_texture(parts: Parts, scene: Any) -> Parts:
-    """The texture of a PLY file's mesh, if its vertices have the properties and no NaN in them."""
-    columns = [_property(scene, "vertex", name) for name in TEXTURE]
-    if any(len(column) != len(parts.vertices) for column in columns):
-        return parts
-    texture = np.stack(columns, axis=1)
-    if texture.dtype.kind not in "iuf" or not np.isfinite(texture).all():
-        return parts
-    return replace(parts, texture=texture.astype(np.float64))
+def with_properties(parts: Parts, scene: Any, content: bytes) -> Parts:
+    """The mesh of a PLY file, read by trimesh in one part, with its texture and parts if it has."""
+    raw = [g.metadata.get("_ply_raw", {}) for g in scene.geometry.values()]
 
+    def column(element: str, name: str, count: int, kinds: str) -> Any:
+        """A property of the first mesh as trimesh has read it, or None."""
+        try:
+            found = np.asarray(raw[0][element]["data"][name]).reshape(-1)
+        except (KeyError, TypeError, ValueError, IndexError):
+            return None
+        return found if len(found) == count and found.dtype.kind in kinds else None
 
-def _property(scene: Any, element: str, name: str) -> np.ndarray:
-    """What trimesh has read of a property, of the first mesh; empty if there is none."""
-    properties = [g.metadata.get("_ply_raw", {}).get(element, {}) for g in scene.geometry.values()]
-    try:
-        return np.asarray(properties[0]["data"][name]).reshape(-1)
-    except (KeyError, TypeError, ValueError, IndexError):
-        return np.empty(0)
-
-
-def with_parts(parts: Parts, scene: Any, content: bytes) -> Parts:
-    """The parts of a PLY file's mesh as trimesh has read it in one part."""
-    numbers = _property(scene, "face", PROPERTY)
+    columns = [column("vertex", name, len(parts.vertices), "iuf") for name in TEXTURE]
+    if all(values is not None and np.isfinite(values).all() for values in columns):
+        parts = replace(parts, texture=np.stack(columns, axis=1).astype(np.float64))
     # Polygons that were cut into triangles have fewer numbers than there are faces.
-    if numbers.dtype.kind not in "iu" or len(numbers) != len(parts.faces):
+    numbers = column("face", PROPERTY, len(parts.faces), "iu")
+    if numbers is None:
         return parts
     present, part = np.unique(numbers, return_inverse=True)
     if len(present) > MOST_PARTS:

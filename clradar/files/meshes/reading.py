@@ -5,11 +5,12 @@ from __future__ import annotations
 import io
 import sys
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from clradar.errors import ClradarError, MeshError
+from clradar.errors import MeshError
 from clradar.files.confined import process
 from clradar.files.failures import clean, fail, read_bytes, reading, regular_file_size
 from clradar.files.limits import (
@@ -23,7 +24,7 @@ from clradar.files.limits import (
 )
 from clradar.files.meshes import gltf_document, obj_text
 from clradar.files.meshes.parts import Parts, parts_of
-from clradar.files.meshes.ply_parts import with_parts, with_texture
+from clradar.files.meshes.ply_parts import with_properties
 
 FORMATS = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """Endings of the names of files that are read."""
@@ -37,40 +38,21 @@ _MOST_BYTES = 48 * MAX_MESH_VERTICES + 16 * MAX_MESH_FACES
 
 def read_mesh_file(path: Path) -> Parts:
     """Return the parts of a mesh file."""
-    size = regular_file_size(path, EXPECTED, error=MeshError)
+    regular_file_size(path, EXPECTED, error=MeshError)
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         fail(path, EXPECTED, f"a name that ends in '{suffix}'", error=MeshError)
-    reader = confined_reader(EXPECTED, size, _MOST_BYTES, MeshError, _MODULES)
-    found = process.run(reader, _contents, path)
+    options = {"most_bytes": _MOST_BYTES, "error": MeshError, "modules": _MODULES}
+    found = run_confined(_contents, path, expected=EXPECTED, **options)
     return Parts(**{**found, "names": tuple(found["names"])})
 
 
-def confined_reader(
-    expected: str,
-    size: int,
-    most_bytes: int,
-    error: type[ClradarError],
-    modules: tuple[str, ...] = (),
-) -> process.Reader:
-    """Return the limits of processor time and memory for reading a mesh or rig of `size` bytes."""
-    return process.Reader(
-        expected=expected,
-        library="its reader",
-        cpu_s=MESH_CPU_S + size // MESH_CPU_BYTES,
-        memory_bytes=MESH_MEMORY_BYTES + MESH_MEMORY_FACTOR * size,
-        most_bytes=most_bytes,
-        modules=modules,
-        error=error,
-    )
-
-
-class _Named(dict[str, bytes]):
-    """What trimesh may ask for by the names in a file; it calls a mesh without a name like it."""
-
-    def __init__(self, path: Path, files: dict[str, bytes]) -> None:
-        super().__init__(files)
-        self.file_name = path.name
+def run_confined(function: Callable[..., Any], path: Path, *arguments: Any, **options: Any) -> Any:
+    """As `process.run`, with the limits of processor time and memory of a mesh or rig."""
+    size = regular_file_size(path, options["expected"], error=options["error"])
+    options["cpu_s"] = MESH_CPU_S + size // MESH_CPU_BYTES
+    options["memory_bytes"] = MESH_MEMORY_BYTES + MESH_MEMORY_FACTOR * size
+    return process.run(function, path, *arguments, **options)
 
 
 def _contents(path: Path) -> dict[str, Any]:
@@ -80,19 +62,19 @@ def _contents(path: Path) -> dict[str, Any]:
     with reading(path, EXPECTED, error=MeshError):
         if kind in ("glb", "gltf"):
             content, buffers = gltf_document.for_trimesh(path, content)
-            options = {"resolver": _Named(path, buffers), "skip_materials": True}
+            options = {"resolver": buffers, "skip_materials": True}
         process.forbid_opening()
         if kind == "obj":
             content, files = obj_text.for_trimesh(path, content)
             # By default its objects and groups are merged under the first one's name.
-            options = {"split_objects": True, "split_groups": True, "resolver": _Named(path, files)}
+            options = {"split_objects": True, "split_groups": True, "resolver": files}
         scene = _loaded(path, content, kind, options)
         parts = parts_of(str(path), scene, limited=True, backwards=kind == "obj")
         name, *others = parts.names
         if not options and not others and name.startswith("geometry_"):  # trimesh's for none
             parts = replace(parts, names=(path.name,))
         if kind == "ply":
-            parts = with_texture(with_parts(parts, scene, content), scene)
+            parts = with_properties(parts, scene, content)
     return vars(parts)
 
 
@@ -107,7 +89,9 @@ def _loaded(path: Path, content: bytes, kind: str, options: dict[str, Any]) -> A
             # numpy's for numbers that it has left out.
             warnings.filterwarnings("error", "string or file could not be read", DeprecationWarning)
             # process=False keeps the faces in the file's order, which alpha per face relies on.
-            stream = io.BytesIO(content)
+            stream: Any = io.BytesIO(content)
+            if kind == "obj":
+                stream.name = path.name  # by which trimesh calls a mesh without a name
             return trimesh.load_scene(stream, file_type=kind, process=False, **options)
     except Exception as error:  # trimesh's readers raise whatever their parsers raise
         got = f"{type(error).__name__}: {clean(error)}"
