@@ -5,8 +5,8 @@
     contact-sheet.png        when it is complete
 
 A shard that is there is done. Of what failed the shards tell, too: the manifest is written anew
-from them. Data sets of version 1, by clradar 0.2 and older, also have `parts`, single samples of
-shards that were never closed.
+from them. There may be `parts`, single samples of shards that are not there: that were made alone,
+or that clradar 0.2 and older, of version 1, never closed.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def describe_dataset(folder: Path) -> Description:
     """Describe a data set from its manifest and the sizes of its shards, which are not opened."""
     manifest = read_manifest(folder)
     plan, closed, complete = manifest.plan, len(manifest.shards), not manifest.missing
-    names = [pose.name for pose in plan.poses.poses]
+    names = [pose.name for pose in plan.poses.resolved]
     size = sum((folder / shard_name(number)).stat().st_size for number in manifest.shards)
     stored, aside = len(manifest.stored), len(manifest.aside)
     text = f"yes, but for {aside} set aside" if aside else "yes"

@@ -100,10 +100,6 @@ def _shape(sample: SamplePlan) -> list[float]:
     return [shape.length_m, shape.breadth_m, *shape.finger_lengths, shape.girth]
 
 
-def _rig(sample: SamplePlan) -> str:
-    return "".join(Path(rig.file).name for rig in sample.plan.hands.rigs)
-
-
 def _of_parts(name: str, sample: SamplePlan) -> list[float | None]:
     """A length of the material of each part, or of its coating; None becomes NaN."""
     materials = (sample.plan.material or PlanMaterials()).of_parts.values()
@@ -116,7 +112,10 @@ _LABELS: Sequence[Any] = (
     ("handedness", (), None, "right or left", "text", lambda s: s.plan.hands.handedness),
     ("angles_rad", ("joint", "angle"), "rad", "joint angles", "float64", _angles_rad),
     ("shape", ("shape_parameter",), None, "shape of the hand; NaN: of a rig", "float64", _shape),
-    ("rig", (), None, "file of the rig, if any", "text", _rig),
+    (
+        "rig", (), None, "file of the rig, if any", "text",
+        lambda s: "".join(Path(rig.file).name for rig in s.plan.hands.rigs),
+    ),
     (
         "center_m", _XYZ, "m", "centre of the hand's bounding box before its turn", "float64",
         lambda s: s.plan.placement.metres,

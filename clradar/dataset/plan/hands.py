@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import astuple, replace
 from pathlib import Path
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -20,7 +20,7 @@ from pydantic import (
 
 from clradar.constants import PLAUSIBLE_COATING_M, PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.dataset.plan.draws import Draw, Within, fixed, tried
-from clradar.errors import ClradarError, MeasurementError
+from clradar.errors import ClradarError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.meshes.gltf_document import files_of
@@ -133,7 +133,7 @@ class Poses(FileRecord):
     """The table [poses]: a pose of the list; one between two of them; one drawn around a pose of
     the list; or a random one within the limits of joints ("sampler").
 
-    `poses` are those of `names`, of `files`, and of manifests (`resolved`). Sample i has pose i
+    `resolved` has those of `names`, of `files`, and of manifests in the end. Sample i has pose i
     modulo their number, or a random one. Of "interpolation" `share` 0 is the first of the two
     poses, 1 the second; `spread_deg` is the standard deviation of "around".
     """
@@ -146,13 +146,9 @@ class Poses(FileRecord):
     share: Share | None = None
     spread_deg: Annotated[float, Within(0.0, MOST_SPREAD_DEG)] | None = None
 
-    @property
-    def poses(self) -> tuple[HandPose, ...]:
-        return (*self.names, *self.files, *self.resolved)
-
     @model_validator(mode="after")
     def _check(self) -> Poses:
-        kind, found = self.kind, self.poses
+        kind, found = self.kind, (*self.names, *self.files, *self.resolved)
         for key, own in (("share", "interpolation"), ("spread_deg", "around")):
             if kind != own and getattr(self, key) is not None:
                 raise mistake(f'none unless kind = "{own}"', f'kind = "{kind}"', key=key)
@@ -207,13 +203,10 @@ class RigFile(Short):
         from clradar.rigs import read_rig
 
         files = self.files(folder)
-        try:
-            return read_rig(
-                files["sha256"], mapping=files.get("mapping_sha256"), unit=self.unit,
-                handedness=self.handedness, betas=self.betas or None,
-            )  # fmt: skip
-        except ClradarError as error:  # it names the option of the command
-            raise MeasurementError(str(error).replace("--mapping", "the key mapping")) from error
+        return read_rig(
+            files["sha256"], mapping=files.get("mapping_sha256"), unit=self.unit,
+            handedness=self.handedness, betas=self.betas or None,
+        )  # fmt: skip
 
     def check(self, folder: Path) -> None:
         """Raise `ModelError` unless the files in a folder are those of the plan."""
@@ -341,10 +334,13 @@ class ByPart(Short, Generic[Value]):
     pinky: Value | None = None
     others: Value
 
-    def each(self, made: Callable[[Value], Any]) -> dict[str, Any]:
-        """What is made of the value of every part."""
+    made: ClassVar[Any]
+
+    @property
+    def of_parts(self) -> Mapping[str, Any]:
+        """What is `made` of every part of a sample, of which nothing is to be drawn."""
         values = {name: getattr(self, name) for name in PART_NAMES}
-        return {name: made(self.others if v is None else v) for name, v in values.items()}
+        return {n: self.made(self.others if own is None else own) for n, own in values.items()}
 
     @classmethod
     def is_table(cls, value: Any) -> bool:
@@ -357,11 +353,7 @@ class Alpha(ByPart[Share]):
     """Roughness of a hand, by part."""
 
     others: Share = short("others", default=fixed(0.5))
-
-    @property
-    def of_parts(self) -> Mapping[str, float]:
-        """The alpha of every part of a sample, of which nothing is to be drawn."""
-        return self.each(float)
+    made = float
 
 
 # Materials
@@ -426,8 +418,4 @@ class PlanMaterials(ByPart[PartMaterial]):
     """What a hand is made of, by part."""
 
     others: PartMaterial = short("others", default_factory=PartMaterial)
-
-    @property
-    def of_parts(self) -> Mapping[str, Material]:
-        """The material of every part of a sample, of which nothing is to be drawn."""
-        return self.each(PartMaterial.made)
+    made = staticmethod(PartMaterial.made)
