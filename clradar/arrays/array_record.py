@@ -30,12 +30,9 @@ from clradar.files.records import (
 from clradar.model import AntennaArray, AntennaPattern
 from clradar.model.antenna_side import AntennaSide
 
-ALL, CLUSTER = "all", "cluster"
-"""Values of `pairs`: every Tx with every Rx, or with those of its own pose."""
-
+ALL, CLUSTER = "all", "cluster"  # of `pairs`: each Tx with each Rx, or with those of its own pose
 MOST_CLUSTERS = 1024
-MOST_ANTENNAS = 20_000
-"""Of one rule: a whole wall of imaging clusters has some thousands."""
+MOST_ANTENNAS = 20_000  # of one rule: a whole wall of imaging clusters has some thousands
 
 Place = Annotated[Vector, Field(description="[x, y, z] in metres")]
 Length = Annotated[Number, Field(gt=0, description="a length above 0, in metres")]

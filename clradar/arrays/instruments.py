@@ -27,5 +27,4 @@ def qar50() -> AntennaArray:
     return AntennaArray(tx_m, np.concatenate([row_m * [1, -1, 1], row_m]), name="qar50")
 
 
-KNOWN = {"qar50": qar50}
-"""Name in files and on the command line -> the function that makes the array."""
+KNOWN = {"qar50": qar50}  # name in files and on the command line -> what makes the array

@@ -13,37 +13,19 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import Waveform, checks
 from clradar.model.range_profile import MIN_STEPS
 
-GRATING_DB = -6.0
-"""Lobes from this level on can be taken for the target: they are called grating lobes."""
-
-MOST_TERMS = 500_000_000
-"""Antennas times directions of a search: some 10 s."""
-
+GRATING_DB = -6.0  # from this level on lobes can be taken for the target: they are grating lobes
+MOST_TERMS = 500_000_000  # antennas times directions of a search: some 10 s
 CELLS, SHIFTS = 4.0, 256
 """Range cells to either side of the focus in which the echoes of a lobe may be brightest, and the
 number of ranges there at which they are added up over the band."""
 
-CLIMBED = (0.5, 0.5, 0.5, 0.5, 0.5, 0.2, 0.05, 0.01)
-"""Steps of a climb, of those of the lattice."""
-
-GHOST_DB = -3.0
-"""From this level on a lobe or an alias is as good as the echo itself."""
-
-SEARCHED = 24
-"""Antennas of a side, drawn, whose response tells where all of them may have a lobe."""
-
-MOST_GHOST_TERMS = 6e7
-"""Antennas times directions of a search for ghosts: 1 s. Larger arrays are not searched."""
-
-FEWEST_PEAK = 0.3
-"""Of the response of the drawn antennas at one frequency, on a lattice that may miss the top."""
-
-MOST_GHOSTS = 3
-"""Peaks that are climbed at all frequencies, strongest first."""
-
-ALIAS_DB = -12.0
-"""Of an alias that is worth a word: farther echoes are often stronger than what is near."""
-
+CLIMBED = (0.5, 0.5, 0.5, 0.5, 0.5, 0.2, 0.05, 0.01)  # steps of a climb, of those of the lattice
+GHOST_DB = -3.0  # from this level on a lobe or an alias is as good as the echo itself
+SEARCHED = 24  # antennas of a side, drawn, whose response tells where all of them may have a lobe
+MOST_GHOST_TERMS = 6e7  # antennas times directions: 1 s; larger arrays are not searched
+FEWEST_PEAK = 0.3  # of the response of drawn antennas, on a lattice that may miss the top
+MOST_GHOSTS = 3  # peaks that are climbed at all frequencies, strongest first
+ALIAS_DB = -12.0  # of an alias that is worth a word: farther echoes are often stronger
 ALIAS_CELLS, ALIAS_POINTS = 3.0, 49
 """An alias is looked for so many range cells to either side, since paths bend in the near field."""
 

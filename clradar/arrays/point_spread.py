@@ -20,11 +20,8 @@ from clradar.model.antenna_side import AntennaSide
 Clusters: TypeAlias = AntennaArray | Sequence[AntennaArray]
 """One array, or several of which one image is formed."""
 
-FREQUENCIES = 32
-"""At most so many of a band take part; the range that they leave unambiguous covers the lobes."""
-
-TERMS_AT_ONCE = 100_000
-"""Antennas times points: what a core's cache holds."""
+FREQUENCIES = 32  # of a band, at most; the range that they leave unambiguous covers the lobes
+TERMS_AT_ONCE = 100_000  # antennas times points: what a core's cache holds
 
 
 def clusters_of(array: Clusters) -> tuple[AntennaArray, ...]:

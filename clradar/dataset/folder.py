@@ -5,8 +5,8 @@
     contact-sheet.png        when it is complete
 
 A shard that is there is done. Of what failed the shards tell, too: the manifest is written anew
-from them. Data sets of version 1, by clradar 0.2 and older, also have `parts`, single samples of
-shards that were never closed.
+from them. There may be `parts`, single samples of shards that are not there: that were made alone,
+or that clradar 0.2 and older, of version 1, never closed.
 """
 
 from __future__ import annotations
@@ -47,8 +47,7 @@ SUMMARIES = (CONTACT_SHEET, "statistics.json", "statistics.csv")
 OWN_NAMES = (MANIFEST, SHARDS, PARTS, *SUMMARIES)
 """Names in the folder of a data set that are its own; others are left alone."""
 
-MOST_LISTED = 10
-"""Samples listed in a problem."""
+MOST_LISTED = 10  # samples listed in a problem
 
 
 class ManifestRecord(OpenRecord):
@@ -118,6 +117,8 @@ def is_dataset(path: Path) -> bool:
 def read_manifest(folder: Path) -> Manifest:
     """Return what the folder of a data set tells, of version 1, too."""
     path = folder / MANIFEST
+    if not path.is_file():
+        fail(folder, "the folder of a data set", f"one without {MANIFEST}")
     manifest = manifest_of(path, read_json_object(path))
     if (folder / SHARDS).is_dir():
         there = {f"{SHARDS}/{name}" for name in os.listdir(folder / SHARDS)}
@@ -156,7 +157,7 @@ def describe_dataset(folder: Path) -> Description:
     """Describe a data set from its manifest and the sizes of its shards, which are not opened."""
     manifest = read_manifest(folder)
     plan, closed, complete = manifest.plan, len(manifest.shards), not manifest.missing
-    names = [pose.name for pose in plan.poses.poses]
+    names = [pose.name for pose in plan.poses.resolved]
     size = sum((folder / shard_name(number)).stat().st_size for number in manifest.shards)
     stored, aside = len(manifest.stored), len(manifest.aside)
     text = f"yes, but for {aside} set aside" if aside else "yes"

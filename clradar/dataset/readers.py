@@ -21,11 +21,8 @@ from clradar.model import checks
 if TYPE_CHECKING:
     import xarray
 
-CHUNK_SIZE = "32 MiB"
-"""Of Dask arrays, about."""
-
-NAMES = ("sample", "pose", "handedness", "rig")
-"""Labels that are coordinates of the samples."""
+CHUNK_SIZE = "32 MiB"  # of Dask arrays, about
+NAMES = ("sample", "pose", "handedness", "rig")  # labels that are coordinates of the samples
 
 
 def _stored(folder: str | os.PathLike[str]) -> tuple[Manifest, dict[Path, int]]:
@@ -91,30 +88,26 @@ def _view(paths: list[Path]) -> xarray.Dataset:
 
     fields = {**ARRAYS, **LABELS}
     parts: dict[str, list[Any]] = defaultdict(list)
+    rows: dict[str, list[np.ndarray]] = defaultdict(list)  # of each mesh
     coordinates: dict[str, Any] = {}
     for path in paths:
         with opened_shard(path) as file:
-            for name, field in fields.items():
-                if field.place in file:
-                    lazy = _Lazy(path, file[field.place])
-                    chunks = (CHUNK_SIZE, *lazy.shape[1:])
-                    parts[name].append(
-                        dask.array.from_array(lazy, chunks, name=False, asarray=False)
-                    )
-                if field.place in file and field.ragged:
-                    offset = parts[f"{name}_end"][-1][-1] if parts[f"{name}_end"] else 0
-                    edges = offset + file[f"{field.place}_first"][:]
-                    parts[f"{name}_first"].append(edges[:-1])
-                    parts[f"{name}_end"].append(edges[1:])
+            for name, field in ((n, own) for n, own in fields.items() if own.place in file):
+                lazy = _Lazy(path, file[field.place])
+                chunks = (CHUNK_SIZE, *lazy.shape[1:])
+                parts[name].append(dask.array.from_array(lazy, chunks, name=False, asarray=False))
+                if field.ragged:
+                    rows[name].append(np.diff(file[f"{field.place}_first"][:]))
             for name, axis in file["entry/axes"].items() if not coordinates else ():
                 dims = (name[:2], "coordinate") if name in ("tx_m", "rx_m") else (name,)
                 coordinates[name] = (dims, _values(axis), _units(axis.attrs.get("units"), name))
     variables: dict[str, Any] = {}
     for name, own in parts.items():
-        if name not in fields:  # where meshes begin and end
-            variables[name] = ("sample", np.concatenate(own))
-            continue
         field = fields[name]
+        if field.ragged:
+            count = np.concatenate(rows[name])
+            end = np.cumsum(count)
+            variables |= {f"{name}_first": ("sample", end - count), f"{name}_end": ("sample", end)}
         first = f"{name}_row" if field.ragged else "sample"
         whole = dask.array.concatenate(own)
         where = coordinates if name in NAMES else variables

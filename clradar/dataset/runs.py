@@ -47,11 +47,8 @@ from clradar.jobs.where import Where
 from clradar.model.progress import Progress
 from clradar.opencl import Device, forget_devices, open_device
 
-SHOWN_ASIDE = 20
-"""Samples that were set aside and are named in warnings."""
-
-STOP_AFTER = 10
-"""Consecutive samples that fail in the device before the run ends."""
+SHOWN_ASIDE = 20  # samples that were set aside and are named in warnings
+STOP_AFTER = 10  # consecutive samples that fail in the device before the run ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,12 +110,12 @@ def run(
         rig.check(plan.folder)  # before a data set is removed, or a folder made
     with job.held():
         if force:
+            write_manifest(path, Manifest(plan))  # nothing is set aside any more
             job.clear(OWN_NAMES[1:])
         (path / SHARDS).mkdir(exist_ok=True)
         dataset = _Run(plan, path)
         again = {sample // plan.output.shard_size for sample in dataset.manifest.aside if retry}
-        shards = sorted({*dataset.manifest.missing, *again})
-        if shards:
+        if shards := sorted({*dataset.manifest.missing, *again}):
             job.clear(SUMMARIES)
             try:
                 dataset.make(shards, where, progress)

@@ -44,11 +44,8 @@ from clradar.simulation import simulate
 RECIPE_VERSION = 3
 SEED_BITS = 63
 
-Recipe = dict[str, Any]
-"""JSON values only: the keys of a plan, the number of the sample, and the version of recipes."""
 
-
-def recipe(plan: Plan, index: int) -> Recipe:
+def recipe(plan: Plan, index: int) -> dict[str, Any]:
     """Return the plan of sample `index` alone, from which `make_sample` reproduces it.
 
     It has the keys and the units of a plan, every one written out, with a number in place of every
@@ -95,7 +92,7 @@ class SamplePlan:
             self.start_s = self.frame / plan.movement.rate_hz
         self._seed = plan.seed
         drawn: Plan = self._numbers(plan, "")
-        first = self._first_pose(drawn.poses)
+        self.first = first = self._first_pose(drawn.poses)
         more: dict[str, Any] = {"hands": self._hands(drawn.hands)}
         if drawn.movement is not None:
             last = self._last_pose(drawn.movement, drawn.poses, first)
@@ -128,17 +125,17 @@ class SamplePlan:
         random = self._stream("poses")
         if poses.kind == "sampler":
             return random_pose(random)
-        count = len(poses.poses)
+        count = len(poses.resolved)
         cycle = poses.order == "cycle"
         first = self.number % count if cycle else int(random.integers(count))
-        pose = poses.poses[first]
+        pose = poses.resolved[first]
         if poses.spread_deg is not None:
             return pose_around(pose, self._stream("poses.spread"), poses.spread_deg)
         if poses.share is None:
             return pose
         # Two different ones: the second is any but the first.
         second = (first + 1 + int(random.integers(count - 1))) % count
-        return interpolate_poses(pose, poses.poses[second], float(poses.share))
+        return interpolate_poses(pose, poses.resolved[second], float(poses.share))
 
     def _last_pose(self, movement: MovementPlan, poses: Poses, first: HandPose) -> HandPose:
         if movement.last is not None:
@@ -147,7 +144,7 @@ class SamplePlan:
             return first
         if poses.kind == "sampler":
             return random_pose(self._stream("movement.pose"))
-        last: HandPose = self._one_of("movement.pose", poses.poses)
+        last: HandPose = self._one_of("movement.pose", poses.resolved)
         return last
 
     def _hands(self, hands: Hands) -> Hands:
@@ -165,13 +162,9 @@ class SamplePlan:
         return hands.model_copy(update={"handedness": side, "shape": "list", "shapes": (shape,)})
 
     @property
-    def record(self) -> Recipe:
+    def record(self) -> dict[str, Any]:
         """The recipe."""
         return {"version": RECIPE_VERSION, "sample": self.sample, **plan_record(self.plan)}
-
-    @property
-    def first(self) -> HandPose:
-        return self.plan.poses.poses[0]
 
     @property
     def middle_s(self) -> float:
@@ -290,9 +283,8 @@ def moving_hand(drawn: SamplePlan, device: Device | str | None = None) -> Moving
     """Return the hand of the sequence that a sample is a frame of."""
     from scipy.spatial.transform import Rotation
 
-    hands, place, movement = drawn.plan.hands, drawn.plan.placement, drawn.plan.movement
-    assert movement is not None
-    assert movement.last is not None
+    hands, place = drawn.plan.hands, drawn.plan.placement
+    movement: Any = drawn.plan.movement
     begin = Rotation.from_matrix(rotation(place.radians))
     end = Rotation.from_matrix(rotation(movement.radians)) * begin
     times_s = (0.0, (movement.frames - 1) / movement.rate_hz)
@@ -336,15 +328,12 @@ def scene_of(mesh: HandMesh | Scene, drawn: SamplePlan) -> Scene:
     return scene.with_alpha({name: alphas[name] for name in scene.part_names})
 
 
-def recorded_capture(
-    drawn: SamplePlan, scene: Scene | MovingHand, device: Device | str | None
-) -> Capture:
-    """Return the simulated capture of a scene, with the impairments of the plan."""
+def recorded_capture(drawn: SamplePlan, scene: Any, device: Device | str | None) -> Capture:
+    """Return the simulated capture of a scene or moving hand, with the plan's impairments."""
     plan = drawn.plan
     array, waveform = plan.radar.antennas, plan.radar.waveform
     settings, movement = plan.simulation.settings(), plan.movement
-    if isinstance(scene, MovingHand):
-        assert movement is not None
+    if movement is not None:
         timing = SweepTiming.in_order(
             array.n_tx, waveform.n_freq, step_s=movement.step_us * 1e-6, order=movement.order
         )

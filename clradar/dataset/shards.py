@@ -27,13 +27,9 @@ from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
 EXPECTED = "a shard of a data set (HDF5)"
 FORMAT, VERSION = "dataset-shard", 1
 
-SPARE_BYTES = 2**21
-"""Of a disk, beside the arrays of a sample."""
-
+SPARE_BYTES = 2**21  # of a disk, beside the arrays of a sample
 RAGGED_ROWS = 2**14
-LIBRARY = ("v110", "v110")
-"""Versions of the HDF5 file format that are written."""
-
+LIBRARY = ("v110", "v110")  # versions of the HDF5 file format that are written
 FAILED = "entry/failed"
 """Place of the samples that could not be made, and why: a JSON text for each."""
 
@@ -100,10 +96,6 @@ def _shape(sample: SamplePlan) -> list[float]:
     return [shape.length_m, shape.breadth_m, *shape.finger_lengths, shape.girth]
 
 
-def _rig(sample: SamplePlan) -> str:
-    return "".join(Path(rig.file).name for rig in sample.plan.hands.rigs)
-
-
 def _of_parts(name: str, sample: SamplePlan) -> list[float | None]:
     """A length of the material of each part, or of its coating; None becomes NaN."""
     materials = (sample.plan.material or PlanMaterials()).of_parts.values()
@@ -116,7 +108,10 @@ _LABELS: Sequence[Any] = (
     ("handedness", (), None, "right or left", "text", lambda s: s.plan.hands.handedness),
     ("angles_rad", ("joint", "angle"), "rad", "joint angles", "float64", _angles_rad),
     ("shape", ("shape_parameter",), None, "shape of the hand; NaN: of a rig", "float64", _shape),
-    ("rig", (), None, "file of the rig, if any", "text", _rig),
+    (
+        "rig", (), None, "file of the rig, if any", "text",
+        lambda s: "".join(Path(rig.file).name for rig in s.plan.hands.rigs),
+    ),
     (
         "center_m", _XYZ, "m", "centre of the hand's bounding box before its turn", "float64",
         lambda s: s.plan.placement.metres,

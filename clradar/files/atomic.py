@@ -101,9 +101,7 @@ def _temporary(target: Path) -> Path:
     return target.with_name(f".{target.name[:40]}.{owner}.tmp")
 
 
-TEMPORARY = ".*.tmp"
-"""Such names."""
-
+TEMPORARY = ".*.tmp"  # such names
 _OWNER = re.compile(rf"\.(.{{1,40}})\.{_MACHINE}-([0-9]+)-[0-9a-f]{{8}}\.tmp", re.DOTALL)
 
 

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
 """Signals that end a command; Windows has not all of them."""
 
-AGAIN_S = 0.02
-"""Until a signal that came at a wrong moment comes again."""
+AGAIN_S = 0.02  # until a signal that came at a wrong moment comes again
 
 _timers: Any = signal  # Windows lacks some, and is asked first
 

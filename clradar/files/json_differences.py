@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-MOST = 5
-"""Differences that an error lists."""
-
-SHOWN = 60
-"""Characters of a setting's value in an error."""
+MOST = 5  # differences that an error lists
+SHOWN = 60  # characters of a setting's value in an error
 
 
 def differences(before: Any, now: Any, name: str = "") -> list[str]:

@@ -22,12 +22,8 @@ from clradar.files.toml_file import choice_text, read_toml, toml_brief, unknown_
 Model = TypeVar("Model", bound=BaseModel)
 Made = TypeVar("Made")
 
-LONGEST = 1e15
-"""Decimal numbers below this are shown as the whole number to write instead."""
-
-MOST_MISTAKES = 20
-"""That the text of an error lists."""
-
+LONGEST = 1e15  # decimal numbers below this are shown as the whole number to write instead
+MOST_MISTAKES = 20  # that the text of an error lists
 _KEY_CHARACTERS = 80
 
 _TYPE = re.compile(r"\[(all|key)\]|[a-z-]+\[.*\]")

@@ -16,8 +16,7 @@ import numpy as np
 from clradar.model import AntennaArray, ChannelResponse, Waveform, checks
 
 SEED_LIMIT = 2**64 - 1
-FRAME_LIMIT = 999_999
-"""Largest number of a recorded frame."""
+FRAME_LIMIT = 999_999  # largest number of a recorded frame
 
 
 class Part(IntEnum):
@@ -47,9 +46,7 @@ def random_stream(seed: int, part: Part, frame: int = 0) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(counter=counter, key=key))
 
 
-GAIN_LIMIT_DB = 300.0
-"""complex64 holds amplitudes from -900 to 760 dB, so a signal still fits in."""
-
+GAIN_LIMIT_DB = 300.0  # complex64 holds amplitudes from -900 to 760 dB, so a signal still fits in
 _WALKS: dict[Any, tuple[int, np.ndarray, Any]] = {}
 _LOCK = Lock()
 

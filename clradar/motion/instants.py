@@ -21,18 +21,10 @@ from clradar.motion.bodies import BodyInSweep
 COUNTS = tuple(sorted({round(2 ** (step / 4)) for step in range(33)}))
 """Numbers of instants that are tried for a piece, 1 to 256."""
 
-PARTS = tuple(2**step for step in range(11))
-"""Numbers of parts of the Tx that are tried."""
-
-CHECKED = 2**12
-"""Most times at which an interpolation is checked: what 256 instants can follow needs fewer."""
-
-STEP_RAD = 0.4
-"""By which a phase turns between two of these times, where it turns evenly."""
-
-NODES = 16
-"""Places of a probe between two marks: of an eighth of a turn their polynomial is exact."""
-
+PARTS = tuple(2**step for step in range(11))  # numbers of parts of the Tx that are tried
+CHECKED = 2**12  # most times at which an interpolation is checked; 256 instants need fewer
+STEP_RAD = 0.4  # by which a phase turns between two of these times, where it turns evenly
+NODES = 16  # places of a probe between two marks: of an eighth of a turn their polynomial is exact
 MOST_INSTANTS = 2048
 """Of a sweep. What needs more is most likely in another unit."""
 
@@ -160,8 +152,7 @@ class Probes:
         return found_m.reshape(*np.shape(times_s), *found_m.shape[1:])
 
 
-MIDDLE = slice(-1, None)
-"""The last point of `Probes`: the middle of what moves."""
+MIDDLE = slice(-1, None)  # the last point of `Probes`: the middle of what moves
 
 
 def planned(

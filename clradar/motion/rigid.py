@@ -22,8 +22,7 @@ BEYOND = ("hold", "continue")
 STEEPEST = {"linear": 1.0, "smooth": 1.875}
 """Of the share of the way over the share of the time: of `minimum_jerk` in the middle."""
 
-MOST_TURNS = 2**13
-"""Eighths of a turn between two keys: more times than an interpolation is checked at."""
+MOST_TURNS = 2**13  # eighths of a turn between two keys: more than an interpolation is checked at
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -158,5 +157,4 @@ def _way(first_rad: np.ndarray, last_rad: np.ndarray) -> tuple[Rotation, np.ndar
     return first, (first.inv() * last).as_rotvec()
 
 
-STILL = RigidMotion([0.0], [(0.0, 0.0, 0.0)])
-"""Of what stays in its place."""
+STILL = RigidMotion([0.0], [(0.0, 0.0, 0.0)])  # of what stays in its place

@@ -14,9 +14,7 @@ STEP_S = 2.5e-6
 """Time of one frequency at one Tx. The imager's own is not published: this is an assumption, by
 which its 94 Tx and 128 frequencies take 30 ms."""
 
-RATE_HZ = 8.0
-"""Frames per second of the recordings that are known."""
-
+RATE_HZ = 8.0  # frames per second of the recordings that are known
 ORDERS = ("tx", "frequency")
 
 

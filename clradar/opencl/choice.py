@@ -15,9 +15,7 @@ from clradar.opencl.program import self_test
 
 ALL = "all"
 
-VARIABLES = ("CLRADAR_DEVICE", "PYOPENCL_CTX")
-"""Each names a device; the first that is set counts."""
-
+VARIABLES = ("CLRADAR_DEVICE", "PYOPENCL_CTX")  # each names a device; the first that is set counts
 _PLATFORMS = {"pocl": POCL, **{name: name for name in ("intel", "nvidia", "oclgrind")}}
 
 

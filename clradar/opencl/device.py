@@ -21,15 +21,12 @@ INSTALL_HINT = (
     "conda-forge's pocl, the system's PoCL from 5.0 on, or a GPU's driver; see docs/install.md"
 )
 
-MEMORY_SHARE = 0.75
-"""Fraction of a device's memory that one call may plan to use; the rest is the runtime's."""
-
+MEMORY_SHARE = 0.75  # of a device's memory that a call may plan with; the rest is the runtime's
 GPU_LAUNCH_WORK = 4e9
 """Operations of one launch on a GPU, roughly; more are split. A tenth of a second where 0.4 TFLOP/s
 are used to a tenth: one that drives a display stops what takes some seconds."""
 
-GPU_GROUP_ITEMS = 64
-"""Items of a work-group on a GPU: two warps of NVIDIA's, one or two wavefronts of AMD's."""
+GPU_GROUP_ITEMS = 64  # of a work-group: two warps of NVIDIA's, one or two wavefronts of AMD's
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,14 +27,10 @@ from pathlib import Path
 from typing import Any
 
 POCL = "portable computing language"
-FIRST_WITH_NAMES = 5
-"""From this version on PoCL chooses by features itself."""
-
+FIRST_WITH_NAMES = 5  # from this version on PoCL chooses by features itself
 GENERIC = b"generic\0"
 TRIPLE = b"x86_64-"
-STRUCTURE_BYTES = 1024
-"""Of a device in PoCL 3.0, of which the wheel has the name at 640; in later ones it is longer."""
-
+STRUCTURE_BYTES = 1024  # of a device in PoCL 3.0, whose name is at 640; later it is longer
 MAPS, PROCESSORS = Path("/proc/self/maps"), Path("/proc/cpuinfo")
 
 _AVX2 = {"avx", "avx2", "cx16", "popcnt", "abm", "f16c", "fma", "bmi1", "bmi2"}

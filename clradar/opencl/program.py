@@ -25,12 +25,8 @@ CACHE_FAILURE = "PYOPENCL_CACHE_FAILURE_FATAL"
 load, pyopencl builds from source only if this variable is set and empty; where it is missing it
 stops with a KeyError."""
 
-ITEM_WORK = 1000.0
-"""Operations of an item, roughly, of a kernel that states no other number."""
-
-TESTED = 64
-"""Vectors: a whole number of work-groups of any width."""
-
+ITEM_WORK = 1000.0  # operations of an item, roughly, of a kernel that states no other number
+TESTED = 64  # vectors: a whole number of work-groups of any width
 LENGTH_ERROR = 2.0**-41
 """Largest relative error of `dual_length` (``common/phase.h``) with the roundings OpenCL allows.
 

@@ -16,8 +16,7 @@ from clradar.errors import DeviceError
 
 _INCLUDE = re.compile(r'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
 
-_PYOPENCL = Path(pyopencl.__file__).parent / "cl"
-"""The Random123 headers that pyopencl ships."""
+_PYOPENCL = Path(pyopencl.__file__).parent / "cl"  # the Random123 headers that pyopencl ships
 
 
 @lru_cache(maxsize=1)

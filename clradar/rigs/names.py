@@ -55,7 +55,7 @@ def hands_by_name(names: Sequence[str], skin: set[int]) -> list[FoundJoints]:
     if not hands:
         missing = _missing(max(groups.values(), key=len, default={}))
         more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-        expected = "those of a hand by their WebXR names, or by a mapping file (--mapping)"
+        expected = "those of a hand by their WebXR names, or by a mapping file (mapping, --mapping)"
         checks.fail("joints", expected, f"none called '{missing[0]}'{more}")
     found = []
     for group in hands:
@@ -64,7 +64,7 @@ def hands_by_name(names: Sequence[str], skin: set[int]) -> list[FoundJoints]:
             node, *others = [node for node in nodes if node in skin] or nodes
             if others:
                 got = f"{_label(names, node)} and {_label(names, others[0])}"
-                checks.fail(JOINT_NAMES[joint], "one node (--mapping can say which)", got)
+                checks.fail(JOINT_NAMES[joint], "one node (mapping, --mapping, can say which)", got)
             nodes_of[joint] = node
             outside.append(_PATTERNS[joint].sub(" ", names[node], count=1))
         found.append(FoundJoints(nodes_of, side_in(*outside)))

@@ -19,8 +19,7 @@ Second: TypeAlias = tuple[tuple[Hashable, ...], Callable[[Progress], Content]]
 
 MATERIALS = (BY_ALPHA, *KNOWN)
 
-KEPT_CAPTURES = 8
-"""Of simulations, 9 MB each for the 94 x 94 imager."""
+KEPT_CAPTURES = 8  # of simulations, 9 MB each for the 94 x 94 imager
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,7 @@ from clradar.model import DepthMap, Volume, VoxelGrid
 from clradar.plot.drawing import AMPLITUDE_SCALE, DEPTH_SCALE, DIFFERENCE_SCALE
 from clradar.view.wish import Place
 
-MAX_VOXELS_DRAWN = 60_000
-"""Voxels of one frame, strongest first: 9 bytes each go over the wire."""
-
+MAX_VOXELS_DRAWN = 60_000  # voxels of one frame, strongest first: 9 bytes each go over the wire
 SECOND_COLOURS = ("#00465a", "#96ffff")
 """Of the second image at the end of the dynamic range, and at its maximum: no level of a first one
 has such."""
@@ -27,8 +25,7 @@ SCALES = {
 }
 """Of amplitudes, of those of a second image, of depths, of differences in depth."""
 
-REACH = 2.0
-"""A click hits what is within so many voxels of its ray."""
+REACH = 2.0  # a click hits what is within so many voxels of its ray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

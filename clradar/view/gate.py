@@ -12,18 +12,13 @@ from urllib.parse import urlsplit
 
 from clradar.errors import ClradarError
 
-HOST = "127.0.0.1"
-"""This machine alone: who may log in may look, through ssh."""
-
+HOST = "127.0.0.1"  # this machine alone: who may log in may look, through ssh
 LOCAL_NAMES = {"localhost", "127.0.0.1", "::1"}
 
 PORTS_TRIED = 100
 
-HEAD_S = 10.0
-"""A request has to be complete after that."""
-
-BUFFER_BYTES = 2**16
-"""Of what is on its way to a browser: a slow link gets the newest frame, not those between."""
+HEAD_S = 10.0  # a request has to be complete after that
+BUFFER_BYTES = 2**16  # on its way to a browser: a slow link gets the newest frame, not all
 
 
 def listen(port: int, host: str = HOST) -> socket.socket:

@@ -22,8 +22,7 @@ from clradar.view.wish import LAYOUTS, SIDES, escaped, grid_mm
 
 PANEL_PX = 350.0
 
-FOLLOWED_S = 1.0
-"""Between two drawings of the channels of frames that are followed."""
+FOLLOWED_S = 1.0  # between two drawings of the channels of frames that are followed
 
 
 class Panel(Front):

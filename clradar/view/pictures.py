@@ -19,24 +19,15 @@ from clradar.plot.drawing import BELOW_MAXIMUM, DEPTH_MM, depth_limits_mm
 from clradar.view.drawn import SCALES, Drawn, below_db, colours_on, nearest
 from clradar.view.wish import Place
 
-SIZE_INCHES, DPI = (3.8, 3.3), 140
-"""Of a picture."""
-
+SIZE_INCHES, DPI = (3.8, 3.3), 140  # of a picture
 PAPER, INK = "#1f1f1f", "#d8d8d8"
 
 MARK_COLOUR = (53, 208, 224)
 
-OVERVIEW_DB = 40.0
-"""Range of the overview of all pairs."""
-
-SHOWN_DB = 60.0
-"""What is this far below the maximum of a curve is drawn at its lower edge."""
-
-PROFILE_PLACES = 600
-"""Of a range profile, at most: more than a panel has pixels."""
-
-DEPTH_STEP_MM = 5.0
-"""The ends of the scale of depths are multiples of it, so that they stay from frame to frame."""
+OVERVIEW_DB = 40.0  # range of the overview of all pairs
+SHOWN_DB = 60.0  # what is this far below the maximum of a curve is drawn at its lower edge
+PROFILE_PLACES = 600  # of a range profile, at most: more than a panel has pixels
+DEPTH_STEP_MM = 5.0  # ends of the scale of depths are multiples, and stay from frame to frame
 
 
 class Axis(NamedTuple):

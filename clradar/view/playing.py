@@ -12,14 +12,9 @@ from clradar.model import Capture
 from clradar.view.session import Front, Session, Shown, View
 from clradar.view.wish import escaped
 
-WINDOW = 30
-"""Frames over which rate and latency are taken."""
-
-QUIET_S = 1.0
-"""Without a new frame: the last one is imaged anew, as accurately as others."""
-
-RETRY_S = 1.0
-"""After a folder could not be read."""
+WINDOW = 30  # frames over which rate and latency are taken
+QUIET_S = 1.0  # without a new frame: the last one is imaged anew, as accurately as others
+RETRY_S = 1.0  # after a folder could not be read
 
 
 class Player(Session):

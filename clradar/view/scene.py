@@ -18,28 +18,19 @@ from clradar.view.session import Shown, View
 from clradar.view.sources import Truth
 from clradar.view.wish import LAYOUTS, Place
 
-UNITS_PER_M = 10.0
-"""Of the scene: with a hand of two units, steps and clipping of the camera's defaults fit."""
-
+UNITS_PER_M = 10.0  # of the scene: steps and clipping of the camera fit a hand of two units
 BONES = np.array([pair for chain in CHAINS for pair in pairwise((0, *chain))])
 
 BOX_COLOUR = (128, 128, 128)
 
 MESH_COLOUR, TRUTH_COLOUR = (170, 170, 180), (90, 200, 255)
 
-FOV = np.radians(50.0)
-"""Of the camera, upwards."""
-
-PAGE_ASPECT = 1.2
-"""Of the scene before a browser has said what it has: width over height."""
-
-FACING = (0.0, 0.0, 0.0, 1.0)
-"""Turns a picture of viser, whose rows go along y, to the radar: x to the left, y upwards."""
-
+FOV = np.radians(50.0)  # of the camera, upwards
+PAGE_ASPECT = 1.2  # of the scene before a browser has said what it has: width over height
+FACING = (0.0, 0.0, 0.0, 1.0)  # turns viser's pictures, rows along y, to the radar: x to the left
 JPEG_QUALITY = 92
 
-GAP = 0.03
-"""Between pictures, of their width and height."""
+GAP = 0.03  # between pictures, of their width and height
 
 
 class SceneView:

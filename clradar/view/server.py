@@ -26,14 +26,9 @@ from clradar.view.session import Front, Session, View
 from clradar.view.sources import Source, StreamFrames
 from clradar.view.wish import Wish
 
-MOST_BYTES = 200 * 2**20
-"""Of points and colours: what a browser still opens as one page."""
-
-PAGE_HZ = 10.0
-"""Frames per second of such a page."""
-
-QUIET = ("websockets.server", "asyncio")
-"""Logs of what others send: a message that makes no sense is no fault of this program."""
+MOST_BYTES = 200 * 2**20  # of points and colours: what a browser still opens as one page
+PAGE_HZ = 10.0  # frames per second of such a page
+QUIET = ("websockets.server", "asyncio")  # whose logs are of what others send, no fault of ours
 
 
 @contextmanager

@@ -24,11 +24,8 @@ from clradar.view.drawn import Drawn, Flat
 from clradar.view.sources import Content, Source
 from clradar.view.wish import Wish, live_grid
 
-KEPT_BYTES = 512 * 2**20
-"""Of images: 150 frames of 101 x 101 x 41 voxels, so that a recording plays from memory."""
-
-PLAYED_HZ = 10.0
-"""At most, of frames that do not come by themselves."""
+KEPT_BYTES = 512 * 2**20  # of images: 150 frames of 101 x 101 x 41 voxels play from memory
+PLAYED_HZ = 10.0  # at most, of frames that do not come by themselves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -36,17 +36,12 @@ Content: TypeAlias = Capture | Volume | Flat
 
 SUFFIXES = (".h5", ".hdf5", ".nxs", ".npy")
 
-LOOK_S, REST_S = 0.02, 0.5
-"""Between looks at a folder while files come, and once none came for ten times the second."""
-
-SAMPLES_S = 1.0
-"""Between two looks at a data set that is written."""
-
+LOOK_S, REST_S = 0.02, 0.5  # between looks at a folder while files come, and at rest
+SAMPLES_S = 1.0  # between two looks at a data set that is written
 TRUTH_FILE = "truth/truth.json"
 """Beside the radar folder, as ``clradar simulate --motion --frames`` writes it."""
 
-KEPT_BYTES = 256 * 2**20
-"""Of samples of an iterable, to look back at: 29 frames of 94 x 94 pairs and 128 frequencies."""
+KEPT_BYTES = 256 * 2**20  # of samples of an iterable, to look back at: 29 frames of the imager
 
 
 @dataclass(frozen=True, slots=True, eq=False)

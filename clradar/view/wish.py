@@ -14,23 +14,17 @@ from clradar.model import VoxelGrid, checks
 
 Place: TypeAlias = tuple[float, float, float]
 
-BY_ALPHA = "by \N{GREEK SMALL LETTER ALPHA}"
-"""The choice of material that takes the roughness of the paper instead."""
+BY_ALPHA = "by \N{GREEK SMALL LETTER ALPHA}"  # in place of a material: the paper's roughness
 
 LAYOUTS = ("2-D and 3-D", "2-D", "3-D")
 
-SIDES = ("Both", "Measured", "Simulated")
-"""In the order in which the key B goes through them."""
-
-LIVE_VOXELS = 500_000
-"""Of the grid at the start: 2 mm on the paper's extent has 418 241."""
-
+SIDES = ("Both", "Measured", "Simulated")  # in the order in which the key B goes through them
+LIVE_VOXELS = 500_000  # of the grid at the start: 2 mm on the paper's extent has 418 241
 QUICK_DB = -30.0
 """Tolerance of images of followed frames: the depth of a hand is 0.07 mm off in the median, and
 the image takes 0.6 of the time."""
 
-MOST_VOXELS = 2**24
-"""Of any grid here: its image takes 128 MiB."""
+MOST_VOXELS = 2**24  # of any grid here: its image takes 128 MiB
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import astuple, replace
 from pathlib import Path
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -20,7 +20,7 @@ from pydantic import (
 
 from clradar.constants import PLAUSIBLE_COATING_M, PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.dataset.plan.draws import Draw, Within, fixed, tried
-from clradar.errors import ClradarError, MeasurementError
+from clradar.errors import ClradarError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.meshes.gltf_document import files_of
@@ -46,9 +46,7 @@ from clradar.motion.timing import RATE_HZ, STEP_S
 POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
 """Names of sets of poses."""
 
-EDGE_MM = 2.0
-"""About 29 000 faces; see docs/datasets.md for what other lengths cost and err."""
-
+EDGE_MM = 2.0  # about 29 000 faces; see docs/datasets.md for what other lengths cost and err
 NAME_OR_TABLE = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})
 
 Value = TypeVar("Value")
@@ -92,7 +90,8 @@ def _pose(value: Any, info: ValidationInfo) -> Any:
         joints = {name: JointAngles(*angles) for name, angles in value["joints_rad"].items()}
         return HandPose(value["name"], joints)
     except (ClradarError, KeyError, TypeError, AttributeError, ValueError) as error:
-        raise mistake("the name of a pose, or name and joints_rad", clean(repr(error))) from error
+        got = clean(error) if isinstance(error, ClradarError) else None
+        raise mistake("the name of a pose, or name and joints_rad", got) from error
 
 
 Pose = Annotated[HandPose, PlainValidator(_pose), NAME_OR_TABLE]
@@ -101,8 +100,7 @@ _NAMES = WithJsonSchema(
 )
 
 
-UNNAMED = "[all]"
-"""Key of a value that a file gives without one; mistakes are not reported at it."""
+UNNAMED = "[all]"  # key of a value that a file gives without one; mistakes are not reported at it
 
 
 class Short(FileRecord):
@@ -133,7 +131,7 @@ class Poses(FileRecord):
     """The table [poses]: a pose of the list; one between two of them; one drawn around a pose of
     the list; or a random one within the limits of joints ("sampler").
 
-    `poses` are those of `names`, of `files`, and of manifests (`resolved`). Sample i has pose i
+    `resolved` has those of `names`, of `files`, and of manifests in the end. Sample i has pose i
     modulo their number, or a random one. Of "interpolation" `share` 0 is the first of the two
     poses, 1 the second; `spread_deg` is the standard deviation of "around".
     """
@@ -146,13 +144,9 @@ class Poses(FileRecord):
     share: Share | None = None
     spread_deg: Annotated[float, Within(0.0, MOST_SPREAD_DEG)] | None = None
 
-    @property
-    def poses(self) -> tuple[HandPose, ...]:
-        return (*self.names, *self.files, *self.resolved)
-
     @model_validator(mode="after")
     def _check(self) -> Poses:
-        kind, found = self.kind, self.poses
+        kind, found = self.kind, (*self.names, *self.files, *self.resolved)
         for key, own in (("share", "interpolation"), ("spread_deg", "around")):
             if kind != own and getattr(self, key) is not None:
                 raise mistake(f'none unless kind = "{own}"', f'kind = "{kind}"', key=key)
@@ -207,13 +201,10 @@ class RigFile(Short):
         from clradar.rigs import read_rig
 
         files = self.files(folder)
-        try:
-            return read_rig(
-                files["sha256"], mapping=files.get("mapping_sha256"), unit=self.unit,
-                handedness=self.handedness, betas=self.betas or None,
-            )  # fmt: skip
-        except ClradarError as error:  # it names the option of the command
-            raise MeasurementError(str(error).replace("--mapping", "the key mapping")) from error
+        return read_rig(
+            files["sha256"], mapping=files.get("mapping_sha256"), unit=self.unit,
+            handedness=self.handedness, betas=self.betas or None,
+        )  # fmt: skip
 
     def check(self, folder: Path) -> None:
         """Raise `ModelError` unless the files in a folder are those of the plan."""
@@ -265,7 +256,7 @@ class Hands(FileRecord):
     `rigs` take the place of shapes.
     """
 
-    handedness: str = ""
+    handedness: Literal["as it is", "right", "left", "both"] = "right"
     shape: Literal["default", "sampled", "list"] | None = None
     shapes: tuple[ShapeTable, ...] = ()
     rigs: tuple[RigFile, ...] = ()
@@ -273,17 +264,16 @@ class Hands(FileRecord):
 
     @model_validator(mode="after")
     def _check(self) -> Hands:
-        sides = ("as it is", "right", "left", "both")[0 if self.rigs else 1 :]
-        self.__dict__["handedness"] = side = self.handedness or sides[0]
-        if side not in sides:
-            raise mistake(choice_text(side, sides), toml_brief(side), key="handedness")
+        if self.rigs and "handedness" not in self.model_fields_set:
+            self.__dict__["handedness"] = "as it is"
+        if self.handedness == "as it is" and not self.rigs:
+            raise mistake("rigs with it", "none", key="handedness")
         self.__dict__["shape"] = shape = self.shape or ("list" if self.shapes else "default")
         if (shape == "list") != bool(self.shapes):
             got = f"{toml_brief(shape)} and {len(self.shapes)} shapes"
             raise mistake('a list of shapes with shape = "list" only', got, key="shapes")
         if self.rigs and shape != "default":
-            expected = "none with rigs, which have shapes of their own"
-            raise mistake(expected, toml_brief(shape), key="shape")
+            raise mistake("none with rigs, which have their own", toml_brief(shape), key="shape")
         return self
 
 
@@ -341,10 +331,13 @@ class ByPart(Short, Generic[Value]):
     pinky: Value | None = None
     others: Value
 
-    def each(self, made: Callable[[Value], Any]) -> dict[str, Any]:
-        """What is made of the value of every part."""
+    made: ClassVar[Any]
+
+    @property
+    def of_parts(self) -> Mapping[str, Any]:
+        """What is `made` of every part of a sample, of which nothing is to be drawn."""
         values = {name: getattr(self, name) for name in PART_NAMES}
-        return {name: made(self.others if v is None else v) for name, v in values.items()}
+        return {n: self.made(self.others if own is None else own) for n, own in values.items()}
 
     @classmethod
     def is_table(cls, value: Any) -> bool:
@@ -357,11 +350,7 @@ class Alpha(ByPart[Share]):
     """Roughness of a hand, by part."""
 
     others: Share = short("others", default=fixed(0.5))
-
-    @property
-    def of_parts(self) -> Mapping[str, float]:
-        """The alpha of every part of a sample, of which nothing is to be drawn."""
-        return self.each(float)
+    made = float
 
 
 # Materials
@@ -426,8 +415,4 @@ class PlanMaterials(ByPart[PartMaterial]):
     """What a hand is made of, by part."""
 
     others: PartMaterial = short("others", default_factory=PartMaterial)
-
-    @property
-    def of_parts(self) -> Mapping[str, Material]:
-        """The material of every part of a sample, of which nothing is to be drawn."""
-        return self.each(PartMaterial.made)
+    made = staticmethod(PartMaterial.made)

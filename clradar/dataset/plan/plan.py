@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import AfterValidator, BaseModel, Field, PrivateAttr, model_validator
+from pydantic import AfterValidator, BaseModel, Field, model_validator
 
 from clradar.dataset.plan.draws import Draw, Within
 from clradar.dataset.plan.hands import (
@@ -33,12 +33,8 @@ from clradar.model.material_file import material_record
 Product = Literal["capture", "volume", "max_projection", "depth_map", "mesh", "joints"]
 
 PRODUCTS: tuple[str, ...] = get_args(Product)
-IMAGES = ("volume", "max_projection", "depth_map")
-"""Products that need an image."""
-
-MAX_SHARDS = 50_000
-"""Limit of the manifest's size."""
-
+IMAGES = ("volume", "max_projection", "depth_map")  # products that need an image
+MAX_SHARDS = 50_000  # limit of the manifest's size
 EXPECTED = "a plan of a data set (a TOML file, see docs/plans.md)"
 
 
@@ -97,7 +93,8 @@ class Plan(FileRecord):
     material: PlanMaterials | None = None
     movement: MovementPlan | None = None
 
-    _folder: Path = PrivateAttr(Path())
+    # What names of rig files are relative to; the same plan elsewhere is equal.
+    folder: ClassVar[Path] = Path()
 
     @model_validator(mode="after")
     def _with_surface(self) -> Plan:
@@ -106,16 +103,6 @@ class Plan(FileRecord):
         else:
             self.__dict__["alpha"] = self.alpha or Alpha()
         return self
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Plan) and self.__dict__ == other.__dict__
-
-    __hash__ = None  # type: ignore[assignment]
-
-    @property
-    def folder(self) -> Path:
-        """What the names of rig files are relative to; the same plan elsewhere is equal."""
-        return self._folder
 
     @property
     def n_shards(self) -> int:
@@ -131,7 +118,7 @@ class Plan(FileRecord):
         """Names that poses of samples have; none where they are between two, or random."""
         stay = self.movement is None or self.movement.poses == "stay"
         named = stay and self.poses.kind in ("list", "around")
-        return tuple(pose.name for pose in self.poses.poses) if named else ()
+        return tuple(pose.name for pose in self.poses.resolved) if named else ()
 
     @property
     def keeps_images(self) -> bool:
@@ -159,7 +146,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
 def plan_from(parsed: Mapping[str, Any], source: str, folder: Path) -> Plan:
     """Return the plan of a mapping; `source` is named in messages, files are below `folder`."""
     plan = record_of(dict(parsed), Plan, source, error=PlanError, context={"folder": folder})
-    plan._folder = folder.absolute()
+    plan.__dict__["folder"] = folder.absolute()
     contradictions = [
         f"{shown(source)}: {key}: expected {expected}, got {got}"
         for key, expected, got in _contradictions(plan)

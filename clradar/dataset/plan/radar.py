@@ -139,12 +139,10 @@ class RadarPlan(FileRecord):
     @property
     def waveform(self) -> Waveform:
         """The frequencies; equal ones are the same object."""
-        return _waveform(self.start_ghz, self.stop_ghz, self.steps)
+        return _waveform(self.start_ghz * 1e9, self.stop_ghz * 1e9, self.steps)
 
 
-@lru_cache(maxsize=8)
-def _waveform(start_ghz: float, stop_ghz: float, steps: int) -> Waveform:
-    return Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
+_waveform = lru_cache(maxsize=8)(Waveform.sfcw)
 
 
 @lru_cache(maxsize=8)
@@ -176,8 +174,6 @@ class SimulationPlan(FileRecord):
     @model_validator(mode="after")
     def _check(self) -> SimulationPlan:
         physical, by_face = self.estimator == "physical", self.rays_per_face is not None
-        if by_face and self.samples_per_mm2 is not None:
-            raise mistake("one of it and samples_per_mm2", "both", key="rays_per_face")
         if not by_face and self.samples_per_mm2 is None:
             self.__dict__["samples_per_mm2"] = DENSITIES_PER_MM2[self.estimator]
         if self.rays_per_sample is None and not physical:

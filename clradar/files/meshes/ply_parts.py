@@ -25,8 +25,7 @@ TEXTURE = ("texture_x", "texture_y", "texture_z")
 MOST_PARTS = 1000
 """A property "part" with more values than this is something else, such as a number per face."""
 
-MOST_HEADER_BYTES = 2**18
-"""Within which the names are: a thousand with 200 characters."""
+MOST_HEADER_BYTES = 2**18  # within which the names are: a thousand with 200 characters
 
 
 def ply_of_parts(
