@@ -162,6 +162,8 @@ def local_client(shares: Sequence[Share]) -> Iterator[distributed.Client]:
 
 def _silence() -> None:
     """Silence Dask's own messages: the fate of items and workers is reported here."""
+    # Of what goes to a worker with an item, such as a mesh.
+    dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TB"})
     # Dask gives some of its loggers levels of their own, so that the parent's does not count.
     known = list(logging.root.manager.loggerDict)
     for name in {"distributed", "tornado.application", "asyncio", *known}:

@@ -125,12 +125,13 @@ def convert_command(
     if all_frames:
         write_captures(source, output, frames.variant, antennas)
         return
+    out.check_outputs([output])
     how = {**opt.arguments_of(frames), **opt.arguments_of(antennas)}
     capture = opt.noted(source, measurement_io.open_capture(source, layout=layout, **how))
     if layout is not None:
         sides = (capture.meta["layout"][name] for name in ("tx", "rx"))
         opt.call.inputs["--layout"] += [Path(side["file"]) for side in sides if "file" in side]
-    out.check_outputs([output])
+        out.check_outputs([output])  # they are known only now
     low, high = capture.waveform.frequencies_hz[[0, -1]] / 1e9
     shape = " x ".join(str(n) for n in capture.data.shape)
     out.write(output, capture, f"{shape} (tx, rx, frequency), {low:g} to {high:g} GHz")

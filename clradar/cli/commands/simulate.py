@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -215,15 +215,16 @@ def simulate_command(
     if opt.given(processes) and not (still and several):
         wanted = "without --motion" if several else "an --array of clusters with it"
         raise opt.wrong_usage(next(iter(opt.given(processes))), f"expected {wanted}")
+    kept = cluster_files(output) if several and still else recording_files(output)
+    check: Callable[[], None] = partial(out.check_folder, output, kept, resumed=several and still)
+    if not several and moving.frames is None:
+        check = partial(out.check_outputs, [output])
+    check()
     motion = None if moving.motion is None else cl.read_motion(moving.motion)
-    if motion is not None:  # what it names counts as inputs, too
+    if motion is not None:
         opt.call.inputs["--motion"] = list(motion.files)
         opt.call.records_of(motion.files)
-    if not several and moving.frames is None:
-        out.check_outputs([output])
-    else:
-        kept = cluster_files(output) if several and still else recording_files(output)
-        out.check_folder(output, kept, resumed=several and still)
+        check()  # they are known only now
     kind = scenery.estimator(estimator)
     meshes = scenery.meshes or []
     has_alpha = scenery.alpha or any(alpha is not None for _, alpha in meshes)
