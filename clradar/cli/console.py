@@ -7,14 +7,11 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO
 
 from clradar.errors import quoted
 
 if TYPE_CHECKING:
-    from rich.progress import Progress as Bars, TaskID
-
     from clradar.model.progress import Progress
 
 WRAPPED_CHARACTERS = 24  # least width in which text of the last column of a table is wrapped
@@ -119,19 +116,6 @@ def table(
     text(captured.get().removesuffix("\n"))
 
 
-@dataclass(frozen=True, slots=True)
-class _Bar:
-    bars: Bars
-    task: TaskID
-    label: str
-
-    def __call__(self, done: int, total: int) -> None:
-        self.bars.update(self.task, completed=done, total=total)
-
-    def stage(self, words: str) -> None:
-        self.bars.update(self.task, description=f"{self.label}: {words}")
-
-
 @contextmanager
 def bar(label: str) -> Iterator[Progress | None]:
     """Show a progress bar on stderr while the block runs, where stderr is a terminal."""
@@ -144,4 +128,11 @@ def bar(label: str) -> Iterator[Progress | None]:
     text = progress.TextColumn("{task.description}", markup=False)
     more = (progress.BarColumn(), progress.TaskProgressColumn(), progress.TimeRemainingColumn())
     with progress.Progress(text, *more, console=Console(stderr=True), transient=True) as bars:
-        yield _Bar(bars, bars.add_task(label, total=None), label)
+        task = bars.add_task(label, total=None)
+
+        def shown(done: int, total: int) -> None:
+            bars.update(task, completed=done, total=total)
+
+        # As `clradar.model.progress.say_stage` calls it.
+        shown.stage = lambda what: bars.update(task, description=f"{label}: {what}")  # type: ignore[attr-defined]
+        yield shown
