@@ -8,7 +8,7 @@ doi 10.1364/JOSA.64.001200.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -200,20 +200,20 @@ class Diagnosis:
         """Everything but the images in types that JSON has."""
 
         def named(h: Hypothesis) -> dict[str, Any]:
-            return {"label": h.label, **{name: bool(value) for name, value in asdict(h).items()}}
+            return {"label": h.label, **plain(h)}
 
-        def scored(s: Score) -> dict[str, Any]:
-            own = {"relative_db": s.relative_db, "peak_m": s.peak_m}
-            return {**named(s.hypothesis), **plain(own)}
-
+        scores = [
+            {**named(s.hypothesis), "relative_db": s.relative_db, "peak_m": s.peak_m}
+            for s in self.scores
+        ]
         return {
-            "best": None if self.best is None else named(self.best),
+            "best": self.best and named(self.best),
             "decided": self.decided,
             "mirror_known": self.mirror_known,
             "candidates": [named(h) for h in self.candidates],
             "recommendation": self.recommendation,
             "margin_db": self.margin_db,
-            "hypotheses": [scored(s) for s in self.scores],
+            "hypotheses": plain(scores),
         }
 
 

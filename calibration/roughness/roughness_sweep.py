@@ -6,6 +6,7 @@ import itertools
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -181,14 +182,14 @@ def sweep_roughness(
     array, waveform = measured.array, measured.waveform
     points = surface_points(scene, regions, array.tx_m.mean(axis=0), devices.first)
     apertures = SubApertures(array, waveform, points.points_m, devices.first)
-    simulations = _Simulations(scene, array, waveform, points.points_m, settings)
+    simulated = partial(_simulated, scene, (array, waveform), points.points_m, settings)
     own = fingerprint(scene, array, waveform, heights, lengths, n_seeds, settings)
     kept: Store = {} if store is None else store
 
     def simulate_missing(items: Sequence[_Item], progress: Progress | None = None) -> None:
         missing = [item for item in items if item[0] not in kept]
         done = part_of(progress, 1.0 - len(missing) / len(items), 1.0)
-        for _, (name, images) in devices.made(simulations, missing, done):
+        for _, (name, images) in devices.made(simulated, missing, done):
             kept[name] = images
 
     smooth = f"{own}-smooth"
@@ -207,14 +208,14 @@ def sweep_roughness(
     image = apertures.images(measured)
     if not image.any():
         raise CompareError("sweep: the measured image is 0 on the whole mesh")
-    simulated = np.array([(height_m, length_m) for height_m, length_m, _ in pairs]).T
-    at, powers = logarithms(*simulated), terms(int(np.count_nonzero(heights)), len(lengths))
+    tried = np.array([(height_m, length_m) for height_m, length_m, _ in pairs]).T
+    at, powers = logarithms(*tried), terms(int(np.count_nonzero(heights)), len(lengths))
     statistics = []
     for name, meter in zip(names, meters, strict=True):
         rows = np.stack([meter.measure(kept[item[0]]["images"]) for item in items])
         emulator, seen = Emulator.fitted(at, powers, rows), meter.measure(image)
         statistics.append(RegionStatistics(name, meter.names, seen, emulator, meter.n_points))
-    estimates, gain_db = estimate_roughness(statistics, *simulated, calibrated=calibrated)
+    estimates, gain_db = estimate_roughness(statistics, *tried, calibrated=calibrated)
     ends = (first, first + len(pairs) - 1)
     result = RoughnessSweep(tuple(estimates), heights, lengths, ends, gain_db, calibrated)
     result.warn()
@@ -231,28 +232,23 @@ def sweep_roughness(
 _Item = tuple[str, float, float, int]  # name, height, length and seed of a simulation
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Simulations:
-    """What is simulated: makes the images of an item on a device."""
-
-    scene: Scene
-    array: AntennaArray
-    waveform: Waveform
-    points_m: np.ndarray
-    settings: SimulationSettings
-
-    def __call__(
-        self, item: _Item, device: Device, progress: Progress
-    ) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
-        """Yield the name and the images."""
-        name, height_m, length_m, seed = item
-        radar = self.array, self.waveform
-        rough = tuple(
-            replace(own, roughness_rms_m=height_m, correlation_length_m=length_m)
-            for own in self.scene.materials
-        )
-        capture = simulate(
-            replace(self.scene, materials=rough), *radar,
-            settings=replace(self.settings, seed=seed), device=device,
-        )  # fmt: skip
-        yield name, {"images": SubApertures(*radar, self.points_m, device).images(capture)}
+def _simulated(
+    scene: Scene,
+    radar: tuple[AntennaArray, Waveform],
+    points_m: np.ndarray,
+    settings: SimulationSettings,
+    item: _Item,
+    device: Device,
+    progress: Progress,
+) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
+    """Yield the name and the images of an item; of the module, where workers find it by name."""
+    name, height_m, length_m, seed = item
+    rough = [
+        replace(own, roughness_rms_m=height_m, correlation_length_m=length_m)
+        for own in scene.materials
+    ]
+    capture = simulate(
+        replace(scene, materials=rough), *radar, settings=replace(settings, seed=seed),
+        device=device,
+    )  # fmt: skip
+    yield name, {"images": SubApertures(*radar, points_m, device).images(capture)}
