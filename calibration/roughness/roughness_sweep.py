@@ -11,17 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from calibration.roughness.design import (
-    LIMITS,
-    SEEDS,
-    WHOLE,
-    Estimates,
-    Store,
-    Table,
-    check_regions,
-    estimable,
-    fingerprint,
-)
+from calibration.roughness import design
 from calibration.roughness.emulator import Emulator, Interval, logarithms, terms
 from calibration.roughness.meters import SubApertures, TextureMeter, surface_points
 from calibration.roughness.millimetres import (
@@ -49,7 +39,7 @@ ESTIMATOR = "physical"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RoughnessSweep(Estimates):
+class RoughnessSweep(design.Estimates):
     """Result of a sweep over roughness and correlation length.
 
     Attributes
@@ -77,11 +67,11 @@ class RoughnessSweep(Estimates):
     def report(self) -> str:
         """The estimates and their remarks as text."""
         gain = f"\ngain of the measurement over the simulations {self.gain_db.text(1.0, 'dB')}"
-        return Estimates.report(self) + ("" if self.calibrated else gain)
+        return design.Estimates.report(self) + ("" if self.calibrated else gain)
 
-    def tables(self) -> list[Table]:
+    def tables(self) -> list[design.Table]:
         """Limits of what was estimated of each region, and what is determined."""
-        pairs = [(q, limit) for q in ("roughness_m", "correlation_m", "slope") for limit in LIMITS]
+        pairs = [*itertools.product(("roughness_m", "correlation_m", "slope"), design.LIMITS)]
         rows = [
             [one.name, *(getattr(getattr(one, q), limit) for q, limit in pairs), one.text()]
             for one in self.estimates
@@ -102,11 +92,11 @@ def sweep_roughness(
     roughness_m: Sequence[float] | np.ndarray,
     correlation_m: Sequence[float] | np.ndarray | float = CORRELATIONS_M,
     *,
-    seeds: int = SEEDS,
+    seeds: int = design.SEEDS,
     regions: Regions | None = None,
     calibrated: bool = False,
     device: Where | Device | str | Sequence[str] | None = None,
-    store: Store | None = None,
+    store: design.Store | None = None,
     progress: Progress | None = None,
     settings: SimulationSettings | None = None,
     **fields: Any,
@@ -176,15 +166,15 @@ def sweep_roughness(
     settings = resolve_settings(settings, **{"estimator": ESTIMATOR, **fields})
     checks.one_of("sweep_roughness: estimator", settings.estimator, (ESTIMATOR,))
     first = checks.whole("sweep_roughness: seed", settings.seed, 0, 2**64 - len(pairs))
-    names = check_regions("sweep_roughness", regions, scene) or (WHOLE,)
+    names = design.check_regions("sweep_roughness", regions, scene) or (design.WHOLE,)
     devices = open_devices(device)
     devices.check_alike("a sweep")
     array, waveform = measured.array, measured.waveform
     points = surface_points(scene, regions, array.tx_m.mean(axis=0), devices.first)
     apertures = SubApertures(array, waveform, points.points_m, devices.first)
     simulated = partial(_simulated, scene, (array, waveform), points.points_m, settings)
-    own = fingerprint(scene, array, waveform, heights, lengths, n_seeds, settings)
-    kept: Store = {} if store is None else store
+    own = design.fingerprint(scene, array, waveform, heights, lengths, n_seeds, settings)
+    kept: design.Store = {} if store is None else store
 
     def simulate_missing(items: Sequence[_Item], progress: Progress | None = None) -> None:
         missing = [item for item in items if item[0] not in kept]
@@ -196,7 +186,7 @@ def sweep_roughness(
     simulate_missing([(smooth, 0.0, float(lengths[0]), first)])
     tilts = points.tilts(apertures.arrays)
     meters = [TextureMeter(points, i, tilts, kept[smooth]["images"]) for i in range(len(names))]
-    estimable("roughness", names, meters)
+    design.estimable("roughness", names, meters)
     items = [
         (f"{own}-{1e3 * height_m:g}-{1e3 * length_m:g}-{k}", height_m, length_m, first + i)
         for i, (height_m, length_m, k) in enumerate(pairs)
@@ -243,10 +233,10 @@ def _simulated(
 ) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
     """Yield the name and the images of an item; of the module, where workers find it by name."""
     name, height_m, length_m, seed = item
-    rough = [
+    rough = tuple(
         replace(own, roughness_rms_m=height_m, correlation_length_m=length_m)
         for own in scene.materials
-    ]
+    )
     capture = simulate(
         replace(scene, materials=rough), *radar, settings=replace(settings, seed=seed),
         device=device,
