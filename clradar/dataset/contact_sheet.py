@@ -20,9 +20,7 @@ from clradar.plot.saving import figure_bytes
 MOST_SAMPLES, COLUMNS = 64, 8
 CELL_INCHES, TITLE_PT, DPI = 1.15, 7.0, 150
 
-DYNAMIC_RANGE_DB = 25.0
-"""Of amplitudes; lower ones are black."""
-
+DYNAMIC_RANGE_DB = 25.0  # of amplitudes; lower ones are black
 DRAWN: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
     "max_projection": lambda amplitude: _level_db(amplitude),
     "volume": lambda voxels: _level_db(np.abs(voxels).max(axis=0)),

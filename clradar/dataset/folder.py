@@ -47,8 +47,7 @@ SUMMARIES = (CONTACT_SHEET, "statistics.json", "statistics.csv")
 OWN_NAMES = (MANIFEST, SHARDS, PARTS, *SUMMARIES)
 """Names in the folder of a data set that are its own; others are left alone."""
 
-MOST_LISTED = 10
-"""Samples listed in a problem."""
+MOST_LISTED = 10  # samples listed in a problem
 
 
 class ManifestRecord(OpenRecord):
@@ -118,6 +117,8 @@ def is_dataset(path: Path) -> bool:
 def read_manifest(folder: Path) -> Manifest:
     """Return what the folder of a data set tells, of version 1, too."""
     path = folder / MANIFEST
+    if not path.is_file():
+        fail(folder, "the folder of a data set", f"one without {MANIFEST}")
     manifest = manifest_of(path, read_json_object(path))
     if (folder / SHARDS).is_dir():
         there = {f"{SHARDS}/{name}" for name in os.listdir(folder / SHARDS)}

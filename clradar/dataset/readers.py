@@ -21,11 +21,8 @@ from clradar.model import checks
 if TYPE_CHECKING:
     import xarray
 
-CHUNK_SIZE = "32 MiB"
-"""Of Dask arrays, about."""
-
-NAMES = ("sample", "pose", "handedness", "rig")
-"""Labels that are coordinates of the samples."""
+CHUNK_SIZE = "32 MiB"  # of Dask arrays, about
+NAMES = ("sample", "pose", "handedness", "rig")  # labels that are coordinates of the samples
 
 
 def _stored(folder: str | os.PathLike[str]) -> tuple[Manifest, dict[Path, int]]:

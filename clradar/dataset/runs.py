@@ -47,11 +47,8 @@ from clradar.jobs.where import Where
 from clradar.model.progress import Progress
 from clradar.opencl import Device, forget_devices, open_device
 
-SHOWN_ASIDE = 20
-"""Samples that were set aside and are named in warnings."""
-
-STOP_AFTER = 10
-"""Consecutive samples that fail in the device before the run ends."""
+SHOWN_ASIDE = 20  # samples that were set aside and are named in warnings
+STOP_AFTER = 10  # consecutive samples that fail in the device before the run ends
 
 
 @dataclass(frozen=True, slots=True)

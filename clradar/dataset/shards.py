@@ -27,13 +27,9 @@ from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
 EXPECTED = "a shard of a data set (HDF5)"
 FORMAT, VERSION = "dataset-shard", 1
 
-SPARE_BYTES = 2**21
-"""Of a disk, beside the arrays of a sample."""
-
+SPARE_BYTES = 2**21  # of a disk, beside the arrays of a sample
 RAGGED_ROWS = 2**14
-LIBRARY = ("v110", "v110")
-"""Versions of the HDF5 file format that are written."""
-
+LIBRARY = ("v110", "v110")  # versions of the HDF5 file format that are written
 FAILED = "entry/failed"
 """Place of the samples that could not be made, and why: a JSON text for each."""
 

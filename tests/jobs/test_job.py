@@ -16,7 +16,7 @@ import pytest
 from systems import posix_only
 from two_devices import N, findings_of
 
-from clradar.cli.commands.lists import devices_command
+from clradar.cli.commands import lists
 from clradar.errors import (
     ClradarWarning,
     DeviceError,
@@ -239,9 +239,9 @@ def test_errors_of_workers_name_the_device(monkeypatch):
     def full(item: int, device: Device, progress: object) -> None:
         raise DeviceError(f"device {device.info.label}: out of memory")
 
-    error, _ = workers.run_item(full, 0, None)
     own = open_device().info
-    assert str(error) == f"device {own.selector} {own.label}: out of memory"
+    wanted = f"device {own.selector} {own.label}: out of memory"
+    assert str(workers.run_item(full, 0, None)[0]) == wanted
 
 
 @pytest.mark.device
@@ -258,11 +258,11 @@ def listed(selector: str, name: str, kind: str) -> DeviceInfo:
 def test_the_list_marks_all_that_would_be_used(monkeypatch, capsys):
     there = [(listed(f"0:{i}", "A", "cpu"), None) for i in range(2)]
     monkeypatch.setattr(device, "_found", lambda: there)
-    monkeypatch.setattr(choice, "_failure", lambda selector: None)
+    for module in (choice, lists):
+        monkeypatch.setattr(module, "fault", lambda selector: None)
     monkeypatch.setenv("CLRADAR_DEVICE", "all")
-    devices_command()
-    out = capsys.readouterr().out
-    assert out.count("*") == 2
+    lists.devices_command()
+    assert (out := capsys.readouterr().out).count("*") == 2
     assert out.endswith("used: 0:0 A [platform 0], 0:1 A [platform 0]\n")
 
 

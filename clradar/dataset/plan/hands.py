@@ -46,9 +46,7 @@ from clradar.motion.timing import RATE_HZ, STEP_S
 POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
 """Names of sets of poses."""
 
-EDGE_MM = 2.0
-"""About 29 000 faces; see docs/datasets.md for what other lengths cost and err."""
-
+EDGE_MM = 2.0  # about 29 000 faces; see docs/datasets.md for what other lengths cost and err
 NAME_OR_TABLE = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})
 
 Value = TypeVar("Value")
@@ -101,8 +99,7 @@ _NAMES = WithJsonSchema(
 )
 
 
-UNNAMED = "[all]"
-"""Key of a value that a file gives without one; mistakes are not reported at it."""
+UNNAMED = "[all]"  # key of a value that a file gives without one; mistakes are not reported at it
 
 
 class Short(FileRecord):

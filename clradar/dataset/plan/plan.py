@@ -33,12 +33,8 @@ from clradar.model.material_file import material_record
 Product = Literal["capture", "volume", "max_projection", "depth_map", "mesh", "joints"]
 
 PRODUCTS: tuple[str, ...] = get_args(Product)
-IMAGES = ("volume", "max_projection", "depth_map")
-"""Products that need an image."""
-
-MAX_SHARDS = 50_000
-"""Limit of the manifest's size."""
-
+IMAGES = ("volume", "max_projection", "depth_map")  # products that need an image
+MAX_SHARDS = 50_000  # limit of the manifest's size
 EXPECTED = "a plan of a data set (a TOML file, see docs/plans.md)"
 
 
