@@ -110,12 +110,12 @@ def run(
         rig.check(plan.folder)  # before a data set is removed, or a folder made
     with job.held():
         if force:
+            write_manifest(path, Manifest(plan))  # nothing is set aside any more
             job.clear(OWN_NAMES[1:])
         (path / SHARDS).mkdir(exist_ok=True)
         dataset = _Run(plan, path)
         again = {sample // plan.output.shard_size for sample in dataset.manifest.aside if retry}
-        shards = sorted({*dataset.manifest.missing, *again})
-        if shards:
+        if shards := sorted({*dataset.manifest.missing, *again}):
             job.clear(SUMMARIES)
             try:
                 dataset.make(shards, where, progress)

@@ -126,7 +126,6 @@ def test_a_stopped_run_is_reported_and_resumes_with_the_missing_shards(
 def test_a_kill_between_a_shard_and_the_manifest_loses_nothing(faults, tmp_path):
     faults({1: "raise"})
     run(LIGHT, tmp_path / "whole", device=DEVICE)
-
     with interrupted_at(runs, "write_manifest"), pytest.raises(KeyboardInterrupt):
         run(LIGHT, tmp_path / "killed", device=DEVICE)
     assert read_manifest(tmp_path / "killed").aside == {}
@@ -135,7 +134,8 @@ def test_a_kill_between_a_shard_and_the_manifest_loses_nothing(faults, tmp_path)
     assert digests(tmp_path / "killed") == digests(tmp_path / "whole")
 
 
-def test_what_fails_is_set_aside_and_tried_again_on_request(cli, light, faults):
+@pytest.mark.parametrize("again", ["--retry", "--force"])
+def test_what_fails_is_set_aside_and_tried_again_on_request(cli, light, faults, again):
     folder, aside = Path("set"), [0, 1, 2, 4]  # a whole shard, and one of another
     faults(dict.fromkeys(aside, "raise"))
     with pytest.warns(ClradarWarning, match="was set aside after 2 attempts: Value") as caught:
@@ -150,9 +150,9 @@ def test_what_fails_is_set_aside_and_tried_again_on_request(cli, light, faults):
     assert (folder / CONTACT_SHEET).is_file()
     assert open_dataset(folder).sample.values.tolist() == [3, 5, 6]
     faults({})
-    again = run(LIGHT, folder, device=DEVICE)
-    assert (again.made, again.aside) == (0, result.aside)
-    retry = f"dataset {light_file(Path())} -o set --retry"
+    resumed = run(LIGHT, folder, device=DEVICE)
+    assert (resumed.made, resumed.aside) == (0, result.aside)
+    retry = f"dataset {light_file(Path())} -o set {again}"
     faults({4: "raise"})
     status, _, err = cli(retry)
     assert status == 1

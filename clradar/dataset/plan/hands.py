@@ -90,7 +90,8 @@ def _pose(value: Any, info: ValidationInfo) -> Any:
         joints = {name: JointAngles(*angles) for name, angles in value["joints_rad"].items()}
         return HandPose(value["name"], joints)
     except (ClradarError, KeyError, TypeError, AttributeError, ValueError) as error:
-        raise mistake("the name of a pose, or name and joints_rad", clean(repr(error))) from error
+        got = clean(error) if isinstance(error, ClradarError) else None
+        raise mistake("the name of a pose, or name and joints_rad", got) from error
 
 
 Pose = Annotated[HandPose, PlainValidator(_pose), NAME_OR_TABLE]
@@ -255,7 +256,7 @@ class Hands(FileRecord):
     `rigs` take the place of shapes.
     """
 
-    handedness: str = ""
+    handedness: Literal["as it is", "right", "left", "both"] = "right"
     shape: Literal["default", "sampled", "list"] | None = None
     shapes: tuple[ShapeTable, ...] = ()
     rigs: tuple[RigFile, ...] = ()
@@ -263,17 +264,16 @@ class Hands(FileRecord):
 
     @model_validator(mode="after")
     def _check(self) -> Hands:
-        sides = ("as it is", "right", "left", "both")[0 if self.rigs else 1 :]
-        self.__dict__["handedness"] = side = self.handedness or sides[0]
-        if side not in sides:
-            raise mistake(choice_text(side, sides), toml_brief(side), key="handedness")
+        if self.rigs and "handedness" not in self.model_fields_set:
+            self.__dict__["handedness"] = "as it is"
+        if self.handedness == "as it is" and not self.rigs:
+            raise mistake("rigs with it", "none", key="handedness")
         self.__dict__["shape"] = shape = self.shape or ("list" if self.shapes else "default")
         if (shape == "list") != bool(self.shapes):
             got = f"{toml_brief(shape)} and {len(self.shapes)} shapes"
             raise mistake('a list of shapes with shape = "list" only', got, key="shapes")
         if self.rigs and shape != "default":
-            expected = "none with rigs, which have shapes of their own"
-            raise mistake(expected, toml_brief(shape), key="shape")
+            raise mistake("none with rigs, which have their own", toml_brief(shape), key="shape")
         return self
 
 
