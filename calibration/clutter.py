@@ -349,14 +349,7 @@ def gate(
 ) -> tuple[np.ndarray, dict[str, float]]:
     """Return the linear map over the frequencies of a pair, (n_freq, n_freq), and its record.
 
-    The map G with the least mean square error for echoes of every path length d within one period,
-    the Wiener filter for clutter of that power (E11 of docs/equations.md)::
-
-        G = argmin  int p(d) |G a(d) - w(d) a(d)|^2 dd + eps |G|^2,  a(d)_n = exp(-j 2 pi f_n d / c)
-          = [int p w a a^H] [int p a a^H + eps I]^-1
-
-    Here p = 1, w = 1 in the window, w = 0 and p = 10^(clutter_db / 10) outside, and p = 0.03,
-    w = 1/2 in the transition bands. Every integral is a sinc, so the frequency steps may differ.
+    E11 of docs/equations.md: every integral is a sinc, so the frequency steps may differ.
     """
     if waveform.n_freq < 2:
         checks.fail("range_gate: waveform", "two frequencies or more", "one, which has no range")
