@@ -228,16 +228,7 @@ class TextureMeter:
         self.names = (COHERENT, *(f"{REST} {tilt}" for tilt in self.bins), CONTRAST, ALIKE)
 
     def measure(self, images: np.ndarray) -> np.ndarray:
-        """The statistics of images (4, n_points), complex.
-
-        In each patch and aperture the smooth image is fitted by one complex factor c.
-
-        - coherent power: ln of sum |c|^2 w / sum w, with the squared power of the smooth patch w;
-        - the rest: ln of the mean |V - c V_smooth|^2 in each bin of the tilt, relative to the mean
-          |V_smooth|^2 of the region;
-        - the contrast of |V|^2;
-        - the mean correlation of |V| between apertures, over the points.
-        """
+        """The statistics of images (4, n_points), complex; powers relative to the smooth image."""
         mine = images[:, self._mine].astype(np.complex128)
         product = mine * self._smooth.conj() @ self._sums
         factor = product / np.maximum(self._smooth_power, 1e-300)

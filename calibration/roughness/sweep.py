@@ -363,22 +363,18 @@ class _Images:
         self, store: design.Store, devices: Where, progress: Progress | None
     ) -> None:
         """Simulate the images that the store lacks, and store each as soon as it is finished."""
-        shape = len(self.seeds), len(self.alphas)
+        seeds, alphas = range(len(self.seeds)), range(len(self.alphas))
         regions = range(1 if self.regions is None else len(self.regions.names))
-        missing = np.array(
-            [[any(self._name(k, i, r) not in store for r in regions) for i in range(shape[1])]
-             for k in range(shape[0])]
-        )  # fmt: skip
+        missing = [
+            [i for i in alphas if any(self._name(k, i, r) not in store for r in regions)]
+            for k in seeds
+        ]
         # A batch of alphas shares rays, so they are divided no more than the devices need.
         n_devices = len(devices.infos)
-        parts = n_devices // math.gcd(n_devices, shape[0])
-        items = [
-            (k, part.tolist())
-            for k, row in enumerate(missing)
-            for part in np.array_split(np.flatnonzero(row), parts)
-            if len(part)
-        ]
-        done = part_of(progress, 1.0 - missing.mean(), 1.0)
+        parts = n_devices // math.gcd(n_devices, len(seeds))
+        items = [(k, own) for k in seeds for n in range(parts) if (own := missing[k][n::parts])]
+        share = sum(map(len, missing)) / (len(seeds) * len(alphas))
+        done = part_of(progress, 1.0 - share, 1.0)
         for _, (name, image) in devices.made(self, items, done):
             store[name] = image
 
