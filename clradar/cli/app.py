@@ -137,7 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     requested = next((a for a in asked if not a.startswith("-")), None)
     with handled_warnings(console.warning), console.log(debug):
         try:
-            command = typer.main.get_command(_app(requested, debug))
+            command = typer.main.get_command(program(requested, debug))
             status = command.main(args=given, prog_name="clradar", standalone_mode=False)
         except typer.Abort:
             status = 1
@@ -158,7 +158,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     raise SystemExit(status or 0)
 
 
-def _app(requested: str | None, debug: bool) -> typer.Typer:
+def program(requested: str | None, debug: bool = False) -> typer.Typer:
+    """The program, with the parameters of the subcommand that is requested."""
     # Plain help: brackets are no markup, and it reads the same in a pipe.
     app = typer.Typer(
         cls=_Program,
@@ -179,15 +180,6 @@ def _app(requested: str | None, debug: bool) -> typer.Typer:
             summary = f"{summary}\n\n{inspect.getdoc(command)}"
         app.command(name, cls=_Command, help=summary, short_help=COMMANDS[name])(function)
     return app
-
-
-def context_of(name: str | None = None) -> Any:
-    """The context of the program, or of a subcommand, without arguments: for its documentation."""
-    program: Any = typer.main.get_command(_app(name, debug=False))
-    context = program.make_context("clradar", [], resilient_parsing=True)
-    if name is None:
-        return context
-    return program.commands[name].make_context(name, [], parent=context, resilient_parsing=True)
 
 
 def function_of(name: str) -> Callable[..., Any]:

@@ -9,12 +9,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import typer
 from docutils import nodes
 from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from clradar.cli.app import COMMANDS, PANELS, context_of, help_record
+from clradar.cli.app import COMMANDS, PANELS, help_record, program
 
 CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--?[a-zA-Z][\w-]*|docs/[\w-]+\.md)")
 PAGE = re.compile(r"docs/([\w-]+)\.md")
@@ -53,6 +54,15 @@ class CommandLine(SphinxDirective):
             ),
             common,
         ]
+
+
+def context_of(name: str | None = None) -> Any:
+    """The context of the program, or of a subcommand, without arguments."""
+    root: Any = typer.main.get_command(program(name))
+    context = root.make_context("clradar", [], resilient_parsing=True)
+    if name is None:
+        return context
+    return root.commands[name].make_context(name, [], parent=context, resilient_parsing=True)
 
 
 def group(title: str, contexts: dict[str, Any], shared: list[Record]) -> nodes.section:
