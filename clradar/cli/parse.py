@@ -9,7 +9,7 @@ from operator import le
 from pathlib import Path
 from typing import Any
 
-from clradar.cli.groups import wrong_usage
+from clradar.cli.groups import Read, wrong_usage
 from clradar.constants import FINEST_SPACING_M, PLAUSIBLE_HZ, PLAUSIBLE_RANGE_M
 from clradar.errors import ModelError, OutputError
 from clradar.model.plausible import implausible
@@ -177,9 +177,7 @@ def whole_steps(option: str, text: str, first: float, last: float, step: float) 
     return round(steps)
 
 
-def ascending(
-    noun: str, limits: tuple[float, float], *, least: int = 1, most: int = 1001
-) -> Callable[[str, str], tuple[float, ...]]:
+def ascending(noun: str, limits: tuple[float, float], *, least: int = 1, most: int = 1001) -> Read:
     """Reads numbers of ``FIRST:LAST:STEP`` or of a list with commas; `noun` is in the plural."""
 
     def read(option: str, text: str) -> tuple[float, ...]:

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,6 @@ from clradar.files.json_file import indented, read_json
 from clradar.files.toml_file import toml_document
 from clradar.jobs import open_devices
 from clradar.model import checks
-
-
-def _angle_deg(option: str, value: float) -> float:
-    if not abs(value) <= 360.0:
-        text = f"expected an angle from -360 to 360 degrees, got {value:g}"
-        raise opt.wrong_usage(option, text)
-    return value
 
 
 def _pose_file(pose: str) -> list[Path]:
@@ -97,7 +91,7 @@ def hand_command(
     turn_deg: float = opt.option(
         "Turn about the vertical through the centre; positive brings +x nearer.",
         0.0,
-        check=_angle_deg,
+        check=partial(checks.within, low=-360, high=360, unit=" deg"),
     ),
     start: str | None = opt.option(
         "Go from this pose to that of --to: -o is a motion file (.toml) for `clradar simulate`.",
