@@ -8,14 +8,13 @@ doi 10.1364/JOSA.64.001200.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from clradar.backproject import backproject
-from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import Capture, DepthMap, Volume, VoxelGrid, checks
 from clradar.model.plausible import place
 from clradar.model.progress import Progress
@@ -60,20 +59,14 @@ EXPECTED_MARGIN_DB, EXPECTED_FLOOR_DB = 3.0, -20.0
 
 @dataclass(frozen=True, slots=True, order=True)
 class Hypothesis:
-    """How the convention of a file differs from that of clradar: docs/diagnose.md.
+    """How the convention of a file differs from that of clradar.
 
     Each of the four changes is its own inverse, and they commute.
 
     Attributes
     ----------
-    swapped : bool
-        The data is [rx, tx, freq]; the antenna positions are right.
-    conjugated : bool
-        A path of length d contributes exp(+j 2 pi f d / c) instead of exp(-j 2 pi f d / c).
-    reversed : bool
-        The data descends in frequency, though the list of frequencies ascends.
-    mirrored : bool
-        An antenna listed at x is at -x.
+    swapped, conjugated, reversed, mirrored : bool
+        What the file holds in each case: docs/diagnose.md.
     """
 
     swapped: bool = False
@@ -200,20 +193,20 @@ class Diagnosis:
         """Everything but the images in types that JSON has."""
 
         def named(h: Hypothesis) -> dict[str, Any]:
-            return {"label": h.label, **{name: bool(value) for name, value in asdict(h).items()}}
+            return {"label": h.label, **plain(h)}
 
-        def scored(s: Score) -> dict[str, Any]:
-            own = {"relative_db": s.relative_db, "peak_m": s.peak_m}
-            return {**named(s.hypothesis), **plain(own)}
-
+        scores = [
+            {**named(s.hypothesis), "relative_db": s.relative_db, "peak_m": s.peak_m}
+            for s in self.scores
+        ]
         return {
-            "best": None if self.best is None else named(self.best),
+            "best": self.best and named(self.best),
             "decided": self.decided,
             "mirror_known": self.mirror_known,
             "candidates": [named(h) for h in self.candidates],
             "recommendation": self.recommendation,
             "margin_db": self.margin_db,
-            "hypotheses": [scored(s) for s in self.scores],
+            "hypotheses": plain(scores),
         }
 
 
@@ -335,11 +328,9 @@ def search_grids(capture: Capture) -> list[VoxelGrid]:
 
 
 def _grid(capture: Capture, paths_m: np.ndarray) -> VoxelGrid:
-    array, span_hz = capture.array, capture.waveform.span_hz
-    range_m = float(paths_m[0] + paths_m[-1]) / 4
-    antennas = np.concatenate([array.tx_m, array.rx_m])
+    range_m, cell_m = float(paths_m[0] + paths_m[-1]) / 4, capture.waveform.range_resolution_m
+    antennas = np.concatenate([capture.array.tx_m, capture.array.rx_m])
     half_m = max(VIEW * range_m, float(np.abs(antennas[:, :2]).max()))
-    cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * span_hz)
     # The antennas are beside the voxel: half the path length exceeds the voxel's z.
     aside_m = np.hypot(half_m, np.sqrt((antennas[:, :2] ** 2).sum(axis=1).mean()))
     nearest_m = paths_m[0] / 2
@@ -373,8 +364,7 @@ def _margin_db(capture: Capture, grid: VoxelGrid) -> float:
     cells = 1.0
     for axis, ends in enumerate((grid.x_m, grid.y_m)):
         cells *= 1 + float(ends[-1] - ends[0]) / lateral_resolution_m(capture, axis, range_m)
-    span_hz = capture.waveform.span_hz
-    planes = 1 + float(grid.z_m[-1] - grid.z_m[0]) * span_hz / SPEED_OF_LIGHT_M_PER_S
+    planes = 1 + float(grid.z_m[-1] - grid.z_m[0]) / (2 * capture.waveform.range_resolution_m)
     pairs = capture.array.n_tx * capture.array.n_rx
     spread = GAUSSIAN_FOURTH_MOMENT_SPREAD / np.sqrt(min(cells, pairs) * planes)
     return max(MARGIN_DB, float(10 * np.log10(1 + NOISE_SPREADS * np.sqrt(2) * spread)))
@@ -384,9 +374,9 @@ def _with_target(
     capture: Capture, left: list[Hypothesis], at_m: np.ndarray, floor: float, device: Device
 ) -> list[Hypothesis]:
     """Those with a known target where it is expected; all if none has an echo there."""
-    cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * max(capture.waveform.span_hz, 1.0))
     cells_m = [lateral_resolution_m(capture, axis, float(at_m[2])) for axis in (0, 1)]
-    half = np.ceil(2 * EXPECTED_WITHIN_M / np.array([*cells_m, cell_m])).astype(int).clip(1)
+    cells_m.append(capture.waveform.range_resolution_m)
+    half = np.ceil(2 * EXPECTED_WITHIN_M / np.array(cells_m)).astype(int).clip(1)
     counts = (2 * half + 1).tolist()
     grid = VoxelGrid(at_m - EXPECTED_WITHIN_M, EXPECTED_WITHIN_M / half, tuple(counts))
     images = (_image(apply_convention(capture, h), grid, device) for h in left)

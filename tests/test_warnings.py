@@ -5,7 +5,7 @@ import warnings
 import pytest
 
 from clradar import ClradarWarning
-from clradar.cli.console import print_warning
+from clradar.cli import console
 from clradar.errors import handled_warnings, warn
 
 OWN_CODE = "def inner(warn): warn('grid clips')\ndef outer(warn): inner(warn)"
@@ -20,7 +20,7 @@ def test_a_warning_points_to_the_line_outside_of_the_packages():
 
 
 def test_the_command_line_prints_each_warning_once_on_one_line(capsys):
-    with handled_warnings(print_warning):
+    with handled_warnings(console.warning):
         for text in ("the grid\nclips", "the grid\nclips", "no echo"):
             warn(text)
     lines = capsys.readouterr().err.splitlines()
@@ -28,5 +28,5 @@ def test_the_command_line_prints_each_warning_once_on_one_line(capsys):
 
 
 def test_warnings_of_libraries_are_left_to_python():
-    with pytest.warns(RuntimeWarning, match="overflow"), handled_warnings(print_warning):
+    with pytest.warns(RuntimeWarning, match="overflow"), handled_warnings(console.warning):
         warnings.warn("overflow", RuntimeWarning, stacklevel=1)

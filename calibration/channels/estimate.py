@@ -7,15 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.channels.fit import (
-    TUKEY_CUTOFF,
-    ChannelFit,
-    Samples,
-    by_channel,
-    fit_channels,
-    pairs_of,
-    start,
-)
+from calibration.channels import fit
 from calibration.channels.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError, ModelError, warn
@@ -133,7 +125,7 @@ def estimate_channels(
     units = [parameter.rsplit("_", 1)[1] for parameter in target.parameter_names]
     tolerance = np.array([tolerances[unit] for unit in units if refine_position])
 
-    gain, delay_s = start(samples, echo, search_s)
+    gain, delay_s = fit.start(samples, echo, search_s)
     live = _live(samples, echo, gain, delay_s, dead_db)
     for side, alive in zip(("Tx", "Rx"), live, strict=True):
         if np.count_nonzero(alive) < MIN_CHANNELS:
@@ -146,7 +138,7 @@ def estimate_channels(
     part = replace(samples, data=samples.data[np.ix_(*live)])
     own, zero_mean = np.concatenate(live), common_delay == "zero"
     try:
-        found = fit_channels(
+        found = fit.fit_channels(
             part, array, target, gain[own], delay_s[own], tolerance, zero_mean, progress
         )
     except (ModelError, np.linalg.LinAlgError) as error:
@@ -158,7 +150,7 @@ def estimate_channels(
     return _calibration(capture, samples, found, live, noisy_db, max_residual_db)
 
 
-def _samples(capture: Capture, gate_m: float | None, search_s: float) -> Samples:
+def _samples(capture: Capture, gate_m: float | None, search_s: float) -> fit.Samples:
     """The capture as the fit takes it, gated around the target with `gate_m`."""
     frequencies_hz = capture.waveform.frequencies_hz
     n = frequencies_hz.size
@@ -175,7 +167,7 @@ def _samples(capture: Capture, gate_m: float | None, search_s: float) -> Samples
             f"{SEARCHED:g} times the tolerance",
         )
     if gate_m is None:
-        return Samples(capture.data, frequencies_hz, np.full(n, 1.0 / n), None)
+        return fit.Samples(capture.data, frequencies_hz, np.full(n, 1.0 / n), None)
     gate_s = 2 * checks.positive("estimate_channels: gate_m", gate_m) / SPEED_OF_LIGHT_M_PER_S
     least_s = max(search_s, MIN_CELLS / float(np.ptp(frequencies_hz)))
     if gate_s < least_s:
@@ -185,7 +177,7 @@ def _samples(capture: Capture, gate_m: float | None, search_s: float) -> Samples
             f"and {SEARCHED:g} times the tolerance, and not below the range resolution",
             f"{gate_m:g} m",
         )
-    return Samples(capture.data, frequencies_hz, *delay_taper(frequencies_hz, gate_s))
+    return fit.Samples(capture.data, frequencies_hz, *delay_taper(frequencies_hz, gate_s))
 
 
 def delay_taper(frequencies_hz: np.ndarray, half_width_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -217,10 +209,10 @@ def _check_coverage(echo: Echo) -> None:
 
 
 def _live(
-    samples: Samples, echo: Echo, gain: np.ndarray, delay_s: np.ndarray, dead_db: float
+    samples: fit.Samples, echo: Echo, gain: np.ndarray, delay_s: np.ndarray, dead_db: float
 ) -> list[np.ndarray]:
     """Which Tx and Rx have an echo, by their gain and its standard deviation due to noise."""
-    noise = by_channel(pairs_of(samples, echo, gain, delay_s).scatter, echo.seen)
+    noise = fit.by_channel(fit.pairs_of(samples, echo, gain, delay_s).scatter, echo.seen)
     tx, rx = np.split(np.abs(gain), [len(samples.data)])
     strength = echo.seen * samples.count
     live = []
@@ -233,8 +225,8 @@ def _live(
 
 def _calibration(
     capture: Capture,
-    samples: Samples,
-    found: ChannelFit,
+    samples: fit.Samples,
+    found: fit.ChannelFit,
     live: list[np.ndarray],
     noisy_db: float,
     max_residual_db: float,
@@ -242,7 +234,7 @@ def _calibration(
     """The fit in the gauge of `estimate_channels`, with dead channels filled in."""
     pairs, seen = found.pairs, found.echo.seen
     typical = float(np.median(pairs.model[seen]))
-    noise = [np.sqrt(power) / typical for power in by_channel(pairs.total, seen)]
+    noise = [np.sqrt(power) / typical for power in fit.by_channel(pairs.total, seen)]
     noisy = [n > max(QUIET, 10 ** (noisy_db / 20) * float(np.median(n))) for n in noise]
     good = seen & ~noisy[0][:, None] & ~noisy[1]
     outlying, left, by_noise = _residual(found, good, samples.count)
@@ -298,12 +290,12 @@ def _calibration(
 
 
 def _residual(
-    found: ChannelFit, good: np.ndarray, samples_per_pair: float
+    found: fit.ChannelFit, good: np.ndarray, samples_per_pair: float
 ) -> tuple[float, float, float]:
     """Shares of outlying pairs, and of the others' energy that is left, and that noise leaves."""
     square = np.square(np.abs(found.pairs.mean - found.pairs.model))
     # A few outlying pairs have nearly no weight, and do not invalidate the rest.
-    outlying = good & (square > TUKEY_CUTOFF**2 * float(np.median(square[good])) / np.log(2.0))
+    outlying = good & (square > fit.TUKEY_CUTOFF**2 * float(np.median(square[good])) / np.log(2.0))
     share = np.count_nonzero(outlying) / np.count_nonzero(good)
     if share > MAX_OUTLYING:
         raise CalibrationError(

@@ -1,18 +1,14 @@
-"""Fit of channel responses and target pose: variable projection.
+"""Fit of channel responses and target pose (docs/channel-calibration.md): variable projection.
 
-One sample is modelled as
-
-    s[i, k, n] = g_i g_k exp(-j (nu_n (tau_i + sigma_k) + 2 pi f_n d_ik(p) / c))
-
-with complex gains g, nu_n = 2 pi (f_n - f_ref) and f_ref the mean frequency. Around a trial, mean
-and slope over frequency of each pair are sufficient. For any pose p near it the best channels
-follow in closed form, gains as a rank-one matrix, delays as sums of a Tx term and an Rx term: what
-is left is a least-squares problem of three numbers, for scipy. Its solution is the next trial.
+Around a trial, mean and slope over frequency of each pair are sufficient. For any pose near it the
+best channels follow in closed form, gains as a rank-one matrix, delays as sums of a Tx term and an
+Rx term: what is left is a least-squares problem of three numbers, for scipy. Its solution is the
+next trial.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -214,11 +210,11 @@ def fit_channels(
         floor = NOISE_FLOOR**2 * float(np.median(pairs.model[echo.seen])) ** 2
         noise = np.maximum(np.maximum.outer(*by_channel(pairs.scatter, echo.seen)), floor)
         weight = _weights(samples, pairs, noise, echo.seen)
-        near = _Channels(samples, pairs, weight, delay_s, zero_mean)
+        best = _channels_near(samples, pairs, weight, delay_s, zero_mean)
 
         def residuals(away: np.ndarray) -> np.ndarray:
             longer_m = placed(away).echo(array).length_m - echo.length_m  # noqa: B023
-            return np.concatenate([near.residuals(longer_m), away])  # noqa: B023
+            return np.concatenate([best(longer_m)[2], away])  # noqa: B023
 
         def slopes(away: np.ndarray) -> np.ndarray:
             there, steps = residuals(away), _DIFFERENCE * np.eye(away.size)
@@ -241,7 +237,7 @@ def fit_channels(
                     f"{moved[worst] * step:+.3g} {unit} away and on"
                 )
         longer_m = placed(moved).echo(array).length_m - echo.length_m
-        gains, later = near.best(longer_m)
+        gains, later, _ = best(longer_m)
         gain = gain * np.exp(np.clip(gains.real, -1.0, 1.0) + 1j * gains.imag)
         delay_s = delay_s + later / samples.spread_rad_per_s
         std = 1.0 / np.sqrt(np.concatenate([weight.sum(axis=1), weight.sum(axis=0)]))
@@ -293,65 +289,47 @@ def _weights(samples: Samples, pairs: Pairs, noise: np.ndarray, seen: np.ndarray
     return np.asarray(information * tukey * seen)
 
 
-class _Channels:
-    """The channels that fit best for any pose near a trial, relative to those of the trial.
+def _channels_near(
+    samples: Samples, pairs: Pairs, weight: np.ndarray, delay_s: np.ndarray, zero_mean: bool
+) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return what finds the channels that fit best for any pose near a trial.
 
-    Logarithms of gains, phases and delays are sums of a Tx term and an Rx term: linear least
-    squares, in which a pose matters by what its paths add to those of the trial.
+    Its argument is by how many metres the paths are longer than the trial's, shape (n_tx, n_rx); it
+    returns what is added to logarithms of gains and phases, real and imaginary, of all Tx and then
+    all Rx, and to delays times the spread, rad; and what these leave of phases, delays and the
+    delays' prior, over standard deviations. All are sums of a Tx term and an Rx term.
     """
+    n_tx, n_rx = weight.shape
+    spread, root = samples.spread_rad_per_s, np.sqrt(weight)
+    turn_per_m = 2 * np.pi * samples.reference_hz / SPEED_OF_LIGHT_M_PER_S
+    late_per_m = spread / SPEED_OF_LIGHT_M_PER_S
+    # A prior of the delays, from their own spread (empirical Bayes). For a target whose paths are a
+    # sum of two segments only this makes the position observable: a shift is equivalent to delays
+    # that follow the antennas' positions.
+    delay = spread * delay_s
+    centre = np.eye(n_tx + n_rx)
+    if not zero_mean:
+        for part in (slice(0, n_tx), slice(n_tx, None)):
+            centre[part, part] -= 1.0 / len(centre[part])
+    variance = float(delay @ centre @ delay) / len(centre)
+    prior = centre / np.sqrt(max(variance, (DELAY_FLOOR_S * spread) ** 2))
+    of_tx, of_rx = np.diag(weight.sum(axis=1)), np.diag(weight.sum(axis=0))
+    normal = np.block([[of_tx, weight], [weight.T, of_rx]])
+    null = np.concatenate([np.ones(n_tx), -np.ones(n_rx)])  # changes nothing: regularised
+    normal += float(np.mean(np.diag(normal))) * np.outer(null, null) / len(null)
+    of_gains, of_delays = cho_factor(normal), cho_factor(normal + prior @ prior)
 
-    def __init__(
-        self, samples: Samples, pairs: Pairs, weight: np.ndarray, delay_s: np.ndarray,
-        zero_mean: bool,
-    ) -> None:  # fmt: skip
-        n_tx, n_rx = weight.shape
-        spread = samples.spread_rad_per_s
-        self._weight, self._root = weight, np.sqrt(weight)
-        self._off = _ratio(pairs.mean, pairs.model) - 1
-        self._late = -_ratio(pairs.slope.imag, pairs.model)
-        self._phase_per_m = 2 * np.pi * samples.reference_hz / SPEED_OF_LIGHT_M_PER_S
-        self._late_per_m = spread / SPEED_OF_LIGHT_M_PER_S
-        # A prior of the delays, from their own spread (empirical Bayes). For a target whose paths
-        # are a sum of two segments only this makes the position observable: a shift is equivalent
-        # to delays that follow the antennas' positions.
-        self._delay = spread * delay_s
-        centre = np.eye(n_tx + n_rx)
-        if not zero_mean:
-            for part in (slice(0, n_tx), slice(n_tx, None)):
-                centre[part, part] -= 1.0 / len(centre[part])
-        variance = float(self._delay @ centre @ self._delay) / len(centre)
-        self._prior = centre / np.sqrt(max(variance, (DELAY_FLOOR_S * spread) ** 2))
-        of_tx, of_rx = np.diag(weight.sum(axis=1)), np.diag(weight.sum(axis=0))
-        normal = np.block([[of_tx, weight], [weight.T, of_rx]])
-        null = np.concatenate([np.ones(n_tx), -np.ones(n_rx)])  # changes nothing: regularised
-        normal += float(np.mean(np.diag(normal))) * np.outer(null, null) / len(null)
-        self._of_gains = cho_factor(normal)
-        self._of_delays = cho_factor(normal + self._prior @ self._prior)
+    def sums(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([(weight * values).sum(axis=1), (weight * values).sum(axis=0)])
 
-    def best(self, longer_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What is added where the paths are longer by these metres, for all Tx and then all Rx.
+    def best(longer_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        off = _ratio(pairs.mean, pairs.model) - 1 + 1j * turn_per_m * longer_m
+        late = -_ratio(pairs.slope.imag, pairs.model) - late_per_m * longer_m
+        gains = cho_solve(of_gains, sums(off))
+        delays = cho_solve(of_delays, sums(late) - prior @ (prior @ delay))
+        left = root * (off.imag - gains.imag[:n_tx, None] - gains.imag[n_tx:])
+        left_late = root * (late - delays[:n_tx, None] - delays[n_tx:])
+        of_prior = prior @ (delay + delays)
+        return gains, delays, np.concatenate([left.ravel(), left_late.ravel(), of_prior])
 
-        To logarithms of gains and phases, real and imaginary; to delays times the spread, rad.
-        """
-        off, late = self._observed(longer_m)
-        right = self._sums(late) - self._prior @ (self._prior @ self._delay)
-        return cho_solve(self._of_gains, self._sums(off)), cho_solve(self._of_delays, right)
-
-    def residuals(self, longer_m: np.ndarray) -> np.ndarray:
-        """What they leave of phases, delays and the delays' prior, over standard deviations."""
-        off, late = self._observed(longer_m)
-        gains, delays = self.best(longer_m)
-        n_tx = len(off)
-        left = self._root * (off.imag - gains.imag[:n_tx, None] - gains.imag[n_tx:])
-        left_late = self._root * (late - delays[:n_tx, None] - delays[n_tx:])
-        prior = self._prior @ (self._delay + delays)
-        return np.concatenate([left.ravel(), left_late.ravel(), prior])
-
-    def _observed(self, longer_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Deviation of each pair from the trial: of its mean, and of its delay."""
-        off = self._off + 1j * self._phase_per_m * longer_m
-        return off, self._late - self._late_per_m * longer_m
-
-    def _sums(self, values: np.ndarray) -> np.ndarray:
-        weighted = self._weight * values
-        return np.concatenate([weighted.sum(axis=1), weighted.sum(axis=0)])
+    return best

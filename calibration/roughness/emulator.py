@@ -1,15 +1,8 @@
 """Statistics as smooth functions of roughness and correlation length, their likelihood, intervals.
 
-A synthetic likelihood [1]_: the statistics of a measurement are taken for normal, with a mean and a
+A synthetic likelihood: the statistics of a measurement are taken for normal, with a mean and a
 covariance that are those of simulations. Since the covariance is estimated from n of them, the
-density is Student's [2]_.
-
-References
-----------
-.. [1] S. N. Wood, "Statistical inference for noisy nonlinear ecological dynamic systems", Nature
-   466 (2010) 1102, doi 10.1038/nature09319.
-.. [2] E. Sellentin, A. F. Heavens, "Parameter inference with estimated covariance matrices",
-   Monthly Notices of the Royal Astronomical Society 456 (2016) L132, doi 10.1093/mnrasl/slv190.
+density is Student's. docs/sweep-method.md has the references.
 """
 
 from __future__ import annotations

@@ -36,12 +36,7 @@ def figure_of(result: Sweep | RoughnessSweep) -> Figure:
 
 
 def sweep_figure(sweep: Sweep) -> Figure:
-    """Draw a sweep over alpha.
-
-    The amplitude of the measurement and of some alphas of the first seed, in dB below each maximum;
-    below these the metrics over alpha, as means over the seeds with bands from the lowest to the
-    highest, the probability of alpha, of the whole and of the regions, and the fitted statistics.
-    """
+    """Draw a sweep over alpha: docs/sweep.md; bands are from the lowest seed to the highest."""
     chosen = shown_alphas(sweep)
     images = [sweep.measured, *(image for i in chosen if (image := sweep.images[i]) is not None)]
     titles = ["Measurement", *(f"{ALPHA} = {sweep.alphas[i]:g}" for i in chosen)]

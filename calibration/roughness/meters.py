@@ -1,14 +1,6 @@
 """Statistics of a surface's images that tell how rough it is, and no pixel of its speckle.
 
-A rough surface reflects as a smooth one does, less by exp(-g/2) in amplitude, and scatters the rest
-over an angle of about the slope: so what counts for h and l is how much of an image is like that of
-the smooth surface, how strong the rest is at each tilt of the surface, how grainy it is, and
-whether it is the same from other parts of the aperture.
-
-For alpha what counts is brightness. A smooth surface is bright where it faces the antennas and dark
-elsewhere; the rougher, the more even and grainy. So the power at each tilt, the contrast, and how
-much is nearly as bright as the brightest place: all relative to the region's own mean, so that the
-gain of an instrument is of no account.
+docs/sweep-method.md says which, and why.
 """
 
 from __future__ import annotations
@@ -19,6 +11,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 from scipy.ndimage import map_coordinates
+from scipy.sparse import csr_array
 
 from calibration.roughness.regions import Regions
 from clradar.errors import CompareError
@@ -227,24 +220,17 @@ class TextureMeter:
         self._patch = np.unique(points.patch[self._mine], return_inverse=True)[1].ravel()
         self.n_points = len(self._patch)
         self._smooth = smooth[:, self._mine].astype(np.complex128)
-        self._smooth_power = self._per_patch(np.abs(self._smooth) ** 2)
+        at = np.arange(self.n_points), self._patch
+        self._sums = csr_array((np.ones(self.n_points), at))  # from points to patches
+        self._smooth_power = np.abs(self._smooth) ** 2 @ self._sums
         self._level = float(np.mean(np.abs(self._smooth) ** 2))
         self.bins = tilt_bins(tilts[:, self._mine], LEAST_IN_BIN)
         self.names = (COHERENT, *(f"{REST} {tilt}" for tilt in self.bins), CONTRAST, ALIKE)
 
     def measure(self, images: np.ndarray) -> np.ndarray:
-        """The statistics of images (4, n_points), complex.
-
-        In each patch and aperture the smooth image is fitted by one complex factor c.
-
-        - coherent power: ln of sum |c|^2 w / sum w, with the squared power of the smooth patch w;
-        - the rest: ln of the mean |V - c V_smooth|^2 in each bin of the tilt, relative to the mean
-          |V_smooth|^2 of the region;
-        - the contrast of |V|^2;
-        - the mean correlation of |V| between apertures, over the points.
-        """
+        """The statistics of images (4, n_points), complex; powers relative to the smooth image."""
         mine = images[:, self._mine].astype(np.complex128)
-        product = self._per_patch(mine * self._smooth.conj())
+        product = mine * self._smooth.conj() @ self._sums
         factor = product / np.maximum(self._smooth_power, 1e-300)
         rest = np.abs(mine - factor[:, self._patch] * self._smooth) ** 2 / self._level
         power = np.abs(mine) ** 2 + 1e-300
@@ -253,9 +239,3 @@ class TextureMeter:
         logarithms = np.log([coherent + 1e-300, *(rest[own].mean() + 1e-300 for own in bins)])
         alike = [np.corrcoef(a, b)[0, 1] for a, b in combinations(np.sqrt(power), 2)]
         return np.array([*logarithms, contrast(power, bins), np.mean(alike) if alike else 0.0])
-
-    def _per_patch(self, values: np.ndarray) -> np.ndarray:
-        n = self._patch.max() + 1
-        if np.iscomplexobj(values):
-            return self._per_patch(values.real) + 1j * self._per_patch(values.imag)
-        return np.stack([np.bincount(self._patch, row, n) for row in values])

@@ -6,21 +6,12 @@ import itertools
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
-from calibration.roughness.design import (
-    LIMITS,
-    SEEDS,
-    WHOLE,
-    Estimates,
-    Store,
-    Table,
-    check_regions,
-    estimable,
-    fingerprint,
-)
+from calibration.roughness import design
 from calibration.roughness.emulator import Emulator, Interval, logarithms, terms
 from calibration.roughness.meters import SubApertures, TextureMeter, surface_points
 from calibration.roughness.millimetres import (
@@ -48,7 +39,7 @@ ESTIMATOR = "physical"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RoughnessSweep(Estimates):
+class RoughnessSweep(design.Estimates):
     """Result of a sweep over roughness and correlation length.
 
     Attributes
@@ -76,11 +67,11 @@ class RoughnessSweep(Estimates):
     def report(self) -> str:
         """The estimates and their remarks as text."""
         gain = f"\ngain of the measurement over the simulations {self.gain_db.text(1.0, 'dB')}"
-        return Estimates.report(self) + ("" if self.calibrated else gain)
+        return design.Estimates.report(self) + ("" if self.calibrated else gain)
 
-    def tables(self) -> list[Table]:
+    def tables(self) -> list[design.Table]:
         """Limits of what was estimated of each region, and what is determined."""
-        pairs = [(q, limit) for q in ("roughness_m", "correlation_m", "slope") for limit in LIMITS]
+        pairs = [*itertools.product(("roughness_m", "correlation_m", "slope"), design.LIMITS)]
         rows = [
             [one.name, *(getattr(getattr(one, q), limit) for q, limit in pairs), one.text()]
             for one in self.estimates
@@ -101,11 +92,11 @@ def sweep_roughness(
     roughness_m: Sequence[float] | np.ndarray,
     correlation_m: Sequence[float] | np.ndarray | float = CORRELATIONS_M,
     *,
-    seeds: int = SEEDS,
+    seeds: int = design.SEEDS,
     regions: Regions | None = None,
     calibrated: bool = False,
     device: Where | Device | str | Sequence[str] | None = None,
-    store: Store | None = None,
+    store: design.Store | None = None,
     progress: Progress | None = None,
     settings: SimulationSettings | None = None,
     **fields: Any,
@@ -175,27 +166,27 @@ def sweep_roughness(
     settings = resolve_settings(settings, **{"estimator": ESTIMATOR, **fields})
     checks.one_of("sweep_roughness: estimator", settings.estimator, (ESTIMATOR,))
     first = checks.whole("sweep_roughness: seed", settings.seed, 0, 2**64 - len(pairs))
-    names = check_regions("sweep_roughness", regions, scene) or (WHOLE,)
+    names = design.check_regions("sweep_roughness", regions, scene) or (design.WHOLE,)
     devices = open_devices(device)
     devices.check_alike("a sweep")
     array, waveform = measured.array, measured.waveform
     points = surface_points(scene, regions, array.tx_m.mean(axis=0), devices.first)
     apertures = SubApertures(array, waveform, points.points_m, devices.first)
-    simulations = _Simulations(scene, array, waveform, points.points_m, settings)
-    own = fingerprint(scene, array, waveform, heights, lengths, n_seeds, settings)
-    kept: Store = {} if store is None else store
+    simulated = partial(_simulated, scene, (array, waveform), points.points_m, settings)
+    own = design.fingerprint(scene, array, waveform, heights, lengths, n_seeds, settings)
+    kept: design.Store = {} if store is None else store
 
     def simulate_missing(items: Sequence[_Item], progress: Progress | None = None) -> None:
         missing = [item for item in items if item[0] not in kept]
         done = part_of(progress, 1.0 - len(missing) / len(items), 1.0)
-        for _, (name, images) in devices.made(simulations, missing, done):
+        for _, (name, images) in devices.made(simulated, missing, done):
             kept[name] = images
 
     smooth = f"{own}-smooth"
     simulate_missing([(smooth, 0.0, float(lengths[0]), first)])
     tilts = points.tilts(apertures.arrays)
     meters = [TextureMeter(points, i, tilts, kept[smooth]["images"]) for i in range(len(names))]
-    estimable("roughness", names, meters)
+    design.estimable("roughness", names, meters)
     items = [
         (f"{own}-{1e3 * height_m:g}-{1e3 * length_m:g}-{k}", height_m, length_m, first + i)
         for i, (height_m, length_m, k) in enumerate(pairs)
@@ -207,14 +198,14 @@ def sweep_roughness(
     image = apertures.images(measured)
     if not image.any():
         raise CompareError("sweep: the measured image is 0 on the whole mesh")
-    simulated = np.array([(height_m, length_m) for height_m, length_m, _ in pairs]).T
-    at, powers = logarithms(*simulated), terms(int(np.count_nonzero(heights)), len(lengths))
+    tried = np.array([(height_m, length_m) for height_m, length_m, _ in pairs]).T
+    at, powers = logarithms(*tried), terms(int(np.count_nonzero(heights)), len(lengths))
     statistics = []
     for name, meter in zip(names, meters, strict=True):
         rows = np.stack([meter.measure(kept[item[0]]["images"]) for item in items])
         emulator, seen = Emulator.fitted(at, powers, rows), meter.measure(image)
         statistics.append(RegionStatistics(name, meter.names, seen, emulator, meter.n_points))
-    estimates, gain_db = estimate_roughness(statistics, *simulated, calibrated=calibrated)
+    estimates, gain_db = estimate_roughness(statistics, *tried, calibrated=calibrated)
     ends = (first, first + len(pairs) - 1)
     result = RoughnessSweep(tuple(estimates), heights, lengths, ends, gain_db, calibrated)
     result.warn()
@@ -231,28 +222,23 @@ def sweep_roughness(
 _Item = tuple[str, float, float, int]  # name, height, length and seed of a simulation
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Simulations:
-    """What is simulated: makes the images of an item on a device."""
-
-    scene: Scene
-    array: AntennaArray
-    waveform: Waveform
-    points_m: np.ndarray
-    settings: SimulationSettings
-
-    def __call__(
-        self, item: _Item, device: Device, progress: Progress
-    ) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
-        """Yield the name and the images."""
-        name, height_m, length_m, seed = item
-        radar = self.array, self.waveform
-        rough = tuple(
-            replace(own, roughness_rms_m=height_m, correlation_length_m=length_m)
-            for own in self.scene.materials
-        )
-        capture = simulate(
-            replace(self.scene, materials=rough), *radar,
-            settings=replace(self.settings, seed=seed), device=device,
-        )  # fmt: skip
-        yield name, {"images": SubApertures(*radar, self.points_m, device).images(capture)}
+def _simulated(
+    scene: Scene,
+    radar: tuple[AntennaArray, Waveform],
+    points_m: np.ndarray,
+    settings: SimulationSettings,
+    item: _Item,
+    device: Device,
+    progress: Progress,
+) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
+    """Yield the name and the images of an item; of the module, where workers find it by name."""
+    name, height_m, length_m, seed = item
+    rough = tuple(
+        replace(own, roughness_rms_m=height_m, correlation_length_m=length_m)
+        for own in scene.materials
+    )
+    capture = simulate(
+        replace(scene, materials=rough), *radar, settings=replace(settings, seed=seed),
+        device=device,
+    )  # fmt: skip
+    yield name, {"images": SubApertures(*radar, points_m, device).images(capture)}

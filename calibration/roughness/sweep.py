@@ -10,18 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from calibration.roughness import design
 from calibration.roughness.alpha import AlphaEstimate, estimate_alpha
-from calibration.roughness.design import (
-    LIMITS,
-    SEEDS,
-    WHOLE,
-    Estimates,
-    Store,
-    Table,
-    check_regions,
-    estimable,
-    fingerprint,
-)
 from calibration.roughness.meters import BrightnessMeter, surface_points
 from calibration.roughness.regions import Regions
 from clradar import arrays
@@ -45,7 +35,7 @@ MAX_PASSES = 6  # over the regions, until the alpha of none goes to another simu
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sweep(Estimates):
+class Sweep(design.Estimates):
     """Result of a sweep over alpha.
 
     Attributes
@@ -87,16 +77,16 @@ class Sweep(Estimates):
         """One metric of all simulations, shape (n_seeds, n_alphas)."""
         return np.array([[getattr(m, metric) for m in row] for row in self.metrics])
 
-    def tables(self) -> list[Table]:
+    def tables(self) -> list[design.Table]:
         """Metrics of each simulation, and limits of each region's alpha."""
         rows = [
             [float(alpha), seed, *(getattr(self.metrics[k][i], name) for name in METRICS)]
             for i, alpha in enumerate(self.alphas)
             for k, seed in enumerate(self.seeds)
         ]
-        regions = [[r.name, *(getattr(r.interval, n) for n in LIMITS)] for r in self.regions]
+        regions = [[r.name, *(getattr(r.interval, n) for n in design.LIMITS)] for r in self.regions]
         metrics = ("alpha", "seed", *METRICS), rows
-        return [metrics, (("region", *LIMITS), regions)] if regions else [metrics]
+        return [metrics, (("region", *design.LIMITS), regions)] if regions else [metrics]
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers in types that strict JSON has; None stands for NaN."""
@@ -115,7 +105,7 @@ def sweep(
     scene: Scene,
     alphas: Sequence[float] | np.ndarray,
     *,
-    seeds: int = SEEDS,
+    seeds: int = design.SEEDS,
     dynamic_range_db: float = DYNAMIC_RANGE_DB,
     regions: Regions | None = None,
     array: AntennaArray | None = None,
@@ -123,7 +113,7 @@ def sweep(
     method: str = "fast",
     window: str = "rect",
     device: Where | Device | str | Sequence[str] | None = None,
-    store: Store | None = None,
+    store: design.Store | None = None,
     progress: Progress | None = None,
     settings: SimulationSettings | None = None,
     **fields: Any,
@@ -190,7 +180,7 @@ def sweep(
         checks.fail("sweep: seeds", expected, f"one, of {len(values)} alphas")
     resolved = resolve_settings(settings, **fields)
     first = checks.whole("sweep: seed", resolved.seed, 0, 2**64 - n_seeds)
-    names = check_regions("sweep", regions, scene)
+    names = design.check_regions("sweep", regions, scene)
     if names and resolved.max_bounces > 1:
         checks.fail("sweep: max_bounces", "1 where there are regions", resolved.max_bounces)
     radar = arrays.qar50() if array is None else array
@@ -204,13 +194,14 @@ def sweep(
     devices.check_alike("a sweep")
     points = surface_points(scene, regions, radar.tx_m.mean(axis=0), devices.first)
     meters = [BrightnessMeter(points, i, radar) for i in (None, *range(len(names)))]
-    estimable("alpha", (WHOLE, *names), meters)
+    design.estimable("alpha", (design.WHOLE, *names), meters)
+    imaging = {"method": method, "window": window, "check_grid": False}
     given = (
-        scene, values, tuple(range(first, first + n_seeds)), regions, radar, frequencies,
-        measured.grid, method, window, dynamic_range_db, resolved,
+        scene, (radar, frequencies), values, tuple(range(first, first + n_seeds)), regions,
+        measured.grid, imaging, dynamic_range_db, resolved,
     )  # fmt: skip
-    images = _Images(fingerprint(*given), *given)
-    kept: Store = {} if store is None else store
+    images = _Images(design.fingerprint(*given), *given)
+    kept: design.Store = {} if store is None else store
     images.simulate_missing(kept, devices, progress)
     whole = images.along(kept, lambda i: (i,) * max(1, len(names)))
     none: dict[str, Any] = dict.fromkeys(METRICS, math.nan)
@@ -223,7 +214,7 @@ def sweep(
         for row in whole
     )
     estimates = (
-        _estimate(WHOLE, meters[0], measured_map, whole, values),
+        _estimate(design.WHOLE, meters[0], measured_map, whole, values),
         *_of_regions(names, meters[1:], measured_map, images, kept),
     )
     result = Sweep(values, images.seeds, compared, estimates, measured_map, tuple(whole[0]))
@@ -270,7 +261,7 @@ def _of_regions(
     meters: list[BrightnessMeter],
     measured: DepthMap,
     images: _Images,
-    store: Store,
+    store: design.Store,
 ) -> tuple[AlphaEstimate, ...]:
     """The alpha of each region, the others at the simulated ones nearest to theirs.
 
@@ -307,9 +298,9 @@ def _of_regions(
             variance += slope**2 * (found[other].uncertainty ** 2 + off**2)
         std = one.interval.std
         factor = math.hypot(std, math.sqrt(variance)) / max(std, 1e-6)
-        own = np.array([getattr(one.interval, limit) for limit in LIMITS])
+        own = np.array([getattr(one.interval, limit) for limit in design.LIMITS])
         limits = np.clip(own[0] + factor * (own - own[0]), *alphas[[0, -1]]).tolist()
-        interval = replace(one.interval, **dict(zip(LIMITS, limits, strict=True)))
+        interval = replace(one.interval, **dict(zip(design.LIMITS, limits, strict=True)))
         widened.append(replace(one, interval=interval))
     return tuple(widened)
 
@@ -340,14 +331,12 @@ class _Images:
 
     begin: str
     scene: Scene
+    radar: tuple[AntennaArray, Waveform]
     alphas: np.ndarray
     seeds: tuple[int, ...]
     regions: Regions | None
-    array: AntennaArray
-    waveform: Waveform
     grid: VoxelGrid
-    method: str
-    window: str
+    imaging: dict[str, Any]  # arguments of `backproject`
     dynamic_range_db: float
     settings: SimulationSettings
 
@@ -357,51 +346,46 @@ class _Images:
         """Yield name and arrays of the images of seed k and some alphas."""
         k, indices = item
         captures = simulate_alphas(
-            self.scene, self.array, self.waveform, list(self.alphas[indices]),
+            self.scene, *self.radar, list(self.alphas[indices]),
             region=None if self.regions is None else self.regions.face,
             settings=replace(self.settings, seed=self.seeds[k]), device=device, progress=progress,
         )  # fmt: skip
         for i, of_alpha in zip(indices, captures, strict=True):
             for r, capture in enumerate(of_alpha):
-                volume = backproject(
-                    capture, self.grid, method=self.method, window=self.window, check_grid=False,
-                    device=device,
-                )  # fmt: skip
+                volume = backproject(capture, self.grid, **self.imaging, device=device)
                 found = {"data": volume.data}
                 if self.regions is None:
                     depth = volume.depth_map(self.dynamic_range_db)
                     found = {"depth_m": depth.depth_m, "amplitude": depth.amplitude}
                 yield self._name(k, i, r), found
 
-    def simulate_missing(self, store: Store, devices: Where, progress: Progress | None) -> None:
+    def simulate_missing(
+        self, store: design.Store, devices: Where, progress: Progress | None
+    ) -> None:
         """Simulate the images that the store lacks, and store each as soon as it is finished."""
-        shape = len(self.seeds), len(self.alphas)
+        seeds, alphas = range(len(self.seeds)), range(len(self.alphas))
         regions = range(1 if self.regions is None else len(self.regions.names))
-        missing = np.array(
-            [[any(self._name(k, i, r) not in store for r in regions) for i in range(shape[1])]
-             for k in range(shape[0])]
-        )  # fmt: skip
+        missing = [
+            [i for i in alphas if any(self._name(k, i, r) not in store for r in regions)]
+            for k in seeds
+        ]
         # A batch of alphas shares rays, so they are divided no more than the devices need.
         n_devices = len(devices.infos)
-        parts = n_devices // math.gcd(n_devices, shape[0])
-        items = [
-            (k, part.tolist())
-            for k, row in enumerate(missing)
-            for part in np.array_split(np.flatnonzero(row), parts)
-            if len(part)
-        ]
-        done = part_of(progress, 1.0 - missing.mean(), 1.0)
+        parts = n_devices // math.gcd(n_devices, len(seeds))
+        items = [(k, own) for k in seeds for n in range(parts) if (own := missing[k][n::parts])]
+        share = sum(map(len, missing)) / (len(seeds) * len(alphas))
+        done = part_of(progress, 1.0 - share, 1.0)
         for _, (name, image) in devices.made(self, items, done):
             store[name] = image
 
     def along(
-        self, store: Store, at: Callable[[int], tuple[int, ...]]
+        self, store: design.Store, at: Callable[[int], tuple[int, ...]]
     ) -> list[list[DepthMap | None]]:
         """The depth maps [seed][alpha], where an alpha of the sweep is one for each region."""
         alphas, seeds = range(len(self.alphas)), range(len(self.seeds))
         return [[self._of(store, k, at(i)) for i in alphas] for k in seeds]
 
-    def _of(self, store: Store, k: int, at: tuple[int, ...]) -> DepthMap | None:
+    def _of(self, store: design.Store, k: int, at: tuple[int, ...]) -> DepthMap | None:
         """The depth map of a seed, with an alpha for each region; None where it is zero."""
         if self.regions is None:
             stored = store[self._name(k, at[0], 0)]

@@ -6,12 +6,11 @@
 model and its observability. background.py corrects a capture by CHANNELS.
 """
 
-import numpy as np
 import typer
 
 from calibration import FlatPlate, estimate_channels
 from calibration.scripts.scripting import Output, Recorded, run
-from measurement_io import open_capture, save_channels
+from measurement_io import describe, open_capture, save_channels
 
 
 def main(
@@ -21,13 +20,8 @@ def main(
 ) -> None:
     """Estimate gain, phase and delay of every channel from a capture of a flat plate."""
     # Sphere and CornerReflector of the same package are the other targets.
-    channels = estimate_channels(open_capture(capture), FlatPlate(distance_mm / 1e3))
-    save_channels(output, channels)
-    for side, gain in (("Tx", channels.response.tx_gain), ("Rx", channels.response.rx_gain)):
-        gain_db = 20 * np.log10(np.abs(gain[gain != 0]))
-        dead = np.flatnonzero(gain == 0).tolist()
-        print(f"{side}: {gain_db.min():+.2f} to {gain_db.max():+.2f} dB, dead: {dead}")
-    print(f"{output}: {channels.residual_db:.1f} dB of the echoes is left")
+    save_channels(output, estimate_channels(open_capture(capture), FlatPlate(distance_mm / 1e3)))
+    print(describe(output))
 
 
 if __name__ == "__main__":

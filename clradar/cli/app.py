@@ -15,7 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from clradar import __version__
-from clradar.cli.console import print_error, print_warning, printed_log
+from clradar.cli import console
 from clradar.cli.groups import expanded
 from clradar.errors import ClradarError, PackageError, handled_warnings
 from clradar.files import interrupts
@@ -135,14 +135,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         asked = typed.split()[1:]
     # The first argument that is no option: those before it have no values.
     requested = next((a for a in asked if not a.startswith("-")), None)
-    with handled_warnings(print_warning), printed_log(debug):
+    with handled_warnings(console.warning), console.log(debug):
         try:
             command = typer.main.get_command(_app(requested, debug))
             status = command.main(args=given, prog_name="clradar", standalone_mode=False)
         except typer.Abort:
             status = 1
         except PackageError as error:
-            print_error(error)
+            console.error(error)
             status = 1
         except Exception as error:
             wrong: Any = error
@@ -153,7 +153,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             else:  # wrong usage, on one line as all errors
                 place = f"; see {wrong.ctx.command_path} -h" if wrong.ctx is not None else ""
                 text = wrong.format_message().replace("Value error, ", "").rstrip(".")
-                print_error(f"{text}{place}")
+                console.error(f"{text}{place}")
             status = wrong.exit_code
     raise SystemExit(status or 0)
 
@@ -247,7 +247,7 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
                 raise
             several = getattr(error, "mistakes", ())
             for line in str(error).split("\n") if several else [_message(error)]:
-                print_error(line)
+                console.error(line)
             raise typer.Exit(1) from None
         finally:
             interrupts.ended()
@@ -257,7 +257,7 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
 
 def _interrupted(*words: str) -> typer.Exit:
     interrupts.ended()
-    print_error("; ".join(["interrupted", *words]), "")
+    console.error("; ".join(["interrupted", *words]), "")
     return typer.Exit(interrupts.exit_status())
 
 

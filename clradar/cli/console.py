@@ -7,14 +7,11 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO
 
 from clradar.errors import quoted
 
 if TYPE_CHECKING:
-    from rich.progress import Progress as Bars, TaskID
-
     from clradar.model.progress import Progress
 
 WRAPPED_CHARACTERS = 24  # least width in which text of the last column of a table is wrapped
@@ -25,18 +22,18 @@ def one_line(text: object) -> str:
     return quoted(text, sys.maxsize)
 
 
-def print_error(text: object, kind: str = "error: ") -> None:
+def error(text: object, kind: str = "error: ") -> None:
     """Print one line, of the reason why a command failed; of another kind where that is given."""
     _print(f"clradar: {kind}{one_line(text)}", sys.stderr)
 
 
-def print_warning(text: object) -> None:
+def warning(text: object) -> None:
     """Print one line about a result that is probably not as intended."""
-    print_error(text, "warning: ")
+    error(text, "warning: ")
 
 
 @contextmanager
-def printed_log(wanted: bool) -> Iterator[None]:
+def log(wanted: bool) -> Iterator[None]:
     """Print what the packages log while the block runs, as lines on stderr, if that is wanted."""
     if not wanted:
         yield
@@ -53,12 +50,12 @@ def printed_log(wanted: bool) -> Iterator[None]:
         log.removeHandler(handler)
 
 
-def print_line(text: object) -> None:
+def line(text: object) -> None:
     """Print one line of a result, at once."""
     _print(one_line(text), sys.stdout)
 
 
-def print_text(text: str) -> None:
+def text(text: str) -> None:
     """Print lines of a result as they are."""
     _print(text, sys.stdout)
 
@@ -83,7 +80,7 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def print_table(
+def table(
     columns: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()
 ) -> None:
     """Print a table; the columns named in `right` are aligned to the right, others may wrap."""
@@ -116,24 +113,11 @@ def print_table(
         table.add_row(*row)
     with console.capture() as captured:
         console.print(table)
-    print_text(captured.get().removesuffix("\n"))
-
-
-@dataclass(frozen=True, slots=True)
-class _Bar:
-    bars: Bars
-    task: TaskID
-    label: str
-
-    def __call__(self, done: int, total: int) -> None:
-        self.bars.update(self.task, completed=done, total=total)
-
-    def stage(self, words: str) -> None:
-        self.bars.update(self.task, description=f"{self.label}: {words}")
+    text(captured.get().removesuffix("\n"))
 
 
 @contextmanager
-def progress_bar(label: str) -> Iterator[Progress | None]:
+def bar(label: str) -> Iterator[Progress | None]:
     """Show a progress bar on stderr while the block runs, where stderr is a terminal."""
     if not sys.stderr.isatty():
         yield None
@@ -144,4 +128,11 @@ def progress_bar(label: str) -> Iterator[Progress | None]:
     text = progress.TextColumn("{task.description}", markup=False)
     more = (progress.BarColumn(), progress.TaskProgressColumn(), progress.TimeRemainingColumn())
     with progress.Progress(text, *more, console=Console(stderr=True), transient=True) as bars:
-        yield _Bar(bars, bars.add_task(label, total=None), label)
+        task = bars.add_task(label, total=None)
+
+        def shown(done: int, total: int) -> None:
+            bars.update(task, completed=done, total=total)
+
+        # As `clradar.model.progress.say_stage` calls it.
+        shown.stage = lambda what: bars.update(task, description=f"{label}: {what}")  # type: ignore[attr-defined]
+        yield shown

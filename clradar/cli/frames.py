@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,9 +15,7 @@ import numpy as np
 import calibration
 import clradar as cl
 import measurement_io
-from clradar.cli import options as opt, parse
-from clradar.cli.images import Content, ImageInput, rms_db
-from clradar.cli.outputs import save
+from clradar.cli import images as img, options as opt, outputs as out, parse
 from clradar.compare.metrics import metrics_of
 from clradar.errors import CompareError, warn
 from clradar.files.failures import fail
@@ -37,13 +35,13 @@ class Frames:
 
     def __init__(self, path: Path, variant: str | None = None) -> None:
         self.path, self.files = path, dict[int, Path]()
-        self.read: Callable[[int], Content]
+        self.read: Callable[[int], img.Content]
         if not path.is_dir():
-            content = ImageInput.open(path).content
+            content = img.open_image(path)
             self.read = lambda _: content
         elif any(path.glob("*.h5")) and not any(path.glob("radar_*")):
             self.files = _captures_by_number(path, variant)
-            self.read = lambda number: ImageInput.open(self.files[number]).content
+            self.read = lambda number: img.open_image(self.files[number])
         else:
             from measurement_io.maroon.folders import frames
 
@@ -136,26 +134,25 @@ class FrameSteps:
     origin: Mapping[str, Any]
     run_name: str  # what is kept open of its inputs counts for no other run
     grid: cl.VoxelGrid
-    device: cl.Device | str | None = None
 
-    def run(self, number: int, progress: Progress | None = None) -> None:
+    def run(self, number: int, device: cl.Device, progress: Progress) -> None:
         """Do a frame, and write its results; its record last."""
         how, range_db = self.how, self.how.dynamic_range_db
         capture, record = self.cleaned(number)
         volume = cl.backproject(
-            capture, self.grid, device=self.device, progress=progress, **how.arguments
+            capture, self.grid, device=device, progress=progress, **how.arguments
         )
         record |= {"frame": number, **_figures(volume, range_db)}
         image = volume.depth_map(range_db)
-        others = (self._simulated(i, number) for i in range(len(self.simulated)))
+        others = (self._simulated(i, number, device) for i in range(len(self.simulated)))
         record["metrics"] = [_metrics(image, other, range_db) for other in others]
         if how.mesh is not None:
-            record["alignment"] = self._alignment(volume, capture, how.mesh)
+            record["alignment"] = self._alignment(volume, capture, how.mesh, device)
         name = f"{number:06d}"
         if how.keep_captures:
-            save(self.folder / CAPTURES / f"{name}.h5", capture, self.origin)
+            out.save(self.folder / CAPTURES / f"{name}.h5", capture, self.origin)
         if how.keep_volumes:
-            save(self.folder / VOLUMES / f"{name}.h5", volume, self.origin)
+            out.save(self.folder / VOLUMES / f"{name}.h5", volume, self.origin)
         self.keep_map(name, image)
         if how.fit_hand is not None:
             from calibration.registration.mesh_pose import DEEPEST_DB  # of fits
@@ -168,44 +165,43 @@ class FrameSteps:
         from measurement_io.maroon.frame import first_time_stamp
 
         capture = _opened(self.source, self.how.variant, self.run_name).capture(number)
-        record = {"time_us": first_time_stamp(capture.meta), "recorded_db": rms_db(capture)}
+        record = {"time_us": first_time_stamp(capture.meta), "recorded_db": img.rms_db(capture)}
         room = self.how.empty
         empty = None if room is None else _opened(room, None, self.run_name).capture(0)
         capture = self.how.cleaned(capture, empty)
-        return capture, {**record, "cleaned_db": rms_db(capture)}
+        return capture, {**record, "cleaned_db": img.rms_db(capture)}
 
-    def _simulated(self, i: int, number: int) -> cl.DepthMap:
+    def _simulated(self, i: int, number: int, device: cl.Device) -> cl.DepthMap:
         """The depth map of a simulation at a frame: kept, if it is the same at every frame."""
         frames, name = _opened(self.simulated[i], None, self.run_name), f"simulated-{i}"
         if frames.files:
-            return self._imaged(frames.read(number))
+            return self._imaged(frames.read(number), device)
         if name not in FolderStore(self.folder / MAPS):
-            self.keep_map(name, self._imaged(frames.read(number)))
+            self.keep_map(name, self._imaged(frames.read(number), device))
         return self.map_of(name)
 
-    def _imaged(self, content: Content) -> cl.DepthMap:
+    def _imaged(self, content: img.Content, device: cl.Device) -> cl.DepthMap:
         if not isinstance(content, cl.Volume):
             how = self.how.arguments
-            content = cl.backproject(content, self.grid, device=self.device, **how)
+            content = cl.backproject(content, self.grid, device=device, **how)
         return content.depth_map(self.how.dynamic_range_db)
 
     def keep_map(self, name: str, image: cl.DepthMap) -> None:
-        FolderStore(self.folder / MAPS)[name] = {
-            "amplitude": image.amplitude, "depth_m": image.depth_m, "x_m": image.x_m,
-            "y_m": image.y_m, "range_db": np.array(image.dynamic_range_db),
-        }  # fmt: skip
+        arrays = {one.name: np.asarray(getattr(image, one.name)) for one in fields(image)}
+        FolderStore(self.folder / MAPS)[name] = arrays
 
     def map_of(self, name: str) -> cl.DepthMap:
         """A depth map that is kept: of a frame, of its hand, or of a simulation."""
-        kept = FolderStore(self.folder / MAPS)[name]
-        range_db = float(kept["range_db"])
-        return cl.DepthMap(kept["depth_m"], kept["amplitude"], kept["x_m"], kept["y_m"], range_db)
+        kept: dict[str, Any] = FolderStore(self.folder / MAPS)[name]
+        return cl.DepthMap(**{**kept, "dynamic_range_db": float(kept["dynamic_range_db"])})
 
-    def _alignment(self, volume: cl.Volume, capture: cl.Capture, mesh: Path) -> dict[str, Any]:
+    def _alignment(
+        self, volume: cl.Volume, capture: cl.Capture, mesh: Path, device: cl.Device
+    ) -> dict[str, Any]:
         try:
             found = calibration.align_mesh(
                 volume, _mesh(mesh, self.how.unit, self.run_name), array=capture.array,
-                waveform=capture.waveform, device=self.device, correct_bias=self.how.bias,
+                waveform=capture.waveform, device=device, correct_bias=self.how.bias,
                 search_deg=self.how.search_deg,
             )  # fmt: skip
         except CompareError as error:

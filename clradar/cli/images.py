@@ -16,9 +16,7 @@ import numpy as np
 
 import clradar as cl
 import measurement_io
-from clradar.cli import options as opt
-from clradar.cli.console import print_line, print_table, progress_bar
-from clradar.cli.outputs import write
+from clradar.cli import console, options as opt, outputs as out
 from clradar.compare.metrics import METRIC_TABLE
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import warn
@@ -31,58 +29,35 @@ if TYPE_CHECKING:
 Content = cl.Volume | cl.Capture
 
 
+def open_image(path: Path, frames: opt.FrameOptions | None = None) -> Content:
+    """A volume, or a capture to be imaged; a frame can be chosen of a recording only."""
+    from measurement_io.opening import kind_of
+
+    frames = frames or opt.FrameOptions()
+    if frames == opt.FrameOptions() and kind_of(path) == "volume":
+        return measurement_io.open_volume(path)
+    return opt.open_frame(path, frames)
+
+
 def form_image(
-    capture: cl.Capture,
-    grid: cl.VoxelGrid,
-    imaging: opt.ImagingOptions,
-    device: cl.Device | str | None,
-    label: str = "imaging",
+    content: Content, grid: cl.VoxelGrid, imaging: opt.ImagingOptions, device: Any
 ) -> cl.Volume:
-    """The image of a capture, with a progress bar on a terminal."""
-    fitted = imaging.method in ("least-squares", "sparse")
-    form = cl.reconstruct if fitted else cl.backproject
-    with progress_bar(label) as progress:
-        return form(capture, grid, device=device, progress=progress, **imaging.arguments)
+    """A volume as it is, or the image of a capture, with a progress bar on a terminal."""
+    if isinstance(content, cl.Volume):
+        return content
+    form = cl.reconstruct if imaging.method in ("least-squares", "sparse") else cl.backproject
+    with console.bar("imaging") as progress:
+        return form(content, grid, device=device, progress=progress, **imaging.arguments)
 
 
-@dataclass(frozen=True)
-class ImageInput:
-    """A volume, or a capture that is still to be imaged, and where it comes from."""
-
-    path: Path
-    content: Content
-
-    @classmethod
-    def open(cls, path: Path, frames: opt.FrameOptions | None = None) -> ImageInput:
-        """Open a file or a folder; a frame can be chosen of a recording only."""
-        from measurement_io.opening import kind_of
-
-        frames = frames or opt.FrameOptions()
-        if frames == opt.FrameOptions() and kind_of(path) == "volume":
-            return cls(path, measurement_io.open_volume(path))
-        return cls(path, opt.open_frame(path, frames))
-
-    @property
-    def grid(self) -> cl.VoxelGrid | None:
-        """The voxel grid of a volume; None for a capture."""
-        return self.content.grid if isinstance(self.content, cl.Volume) else None
-
-    def radar_or(self, options: opt.RadarOptions) -> dict[str, Any]:
-        """`array` and `waveform` of a capture; of a volume, which has none, of the options."""
-        if isinstance(self.content, cl.Volume):
-            return {"array": options.antennas(), "waveform": options.waveform()}
-        if opt.given(options):
-            text = f"{self.path} is a capture and has its antennas and frequencies"
-            raise opt.wrong_usage(", ".join(opt.given(options)), text)
-        return {"array": self.content.array, "waveform": self.content.waveform}
-
-    def volume(
-        self, grid: cl.VoxelGrid, imaging: opt.ImagingOptions, device: cl.Device | None
-    ) -> cl.Volume:
-        """The volume, or the image of the capture on `grid`."""
-        if isinstance(self.content, cl.Volume):
-            return self.content
-        return form_image(self.content, grid, imaging, device, f"imaging {self.path.name}")
+def radar_of(path: Path, content: Content, options: opt.RadarOptions) -> dict[str, Any]:
+    """`array` and `waveform` of a capture; of a volume, which has none, of the options."""
+    if isinstance(content, cl.Volume):
+        return {"array": options.antennas(), "waveform": options.waveform()}
+    if known := opt.given(options):
+        text = f"{path} is a capture and has its antennas and frequencies"
+        raise opt.wrong_usage(", ".join(known), text)
+    return {"array": content.array, "waveform": content.waveform}
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,50 +107,43 @@ def grid_for(
     if placed.shown:
         logging.getLogger("clradar").info("%s", placement_words(capture, placed))
         counts = " x ".join(map(str, placed.grid.counts))
-        print_line(f"grid: {counts} voxels of {lengths_words(placed.grid.spacing_m)}")
+        console.line(f"grid: {counts} voxels of {lengths_words(placed.grid.spacing_m)}")
     if placed.left_out:
         more, at_m = len(placed.left_out), placed.left_out[0].position_m
-        print_line(f"not in it: {more} more, the strongest at {place_words(at_m)}")
+        console.line(f"not in it: {more} more, the strongest at {place_words(at_m)}")
     return placed.grid
 
 
 def common_grid(
-    options: opt.GridOptions, *images: ImageInput, device: cl.Device | None = None
+    options: opt.GridOptions, *images: Content, device: cl.Device | None = None
 ) -> cl.VoxelGrid:
     """The grid of the options; without them that of the first volume, or for the first capture."""
-    grids = [image.grid for image in images if image.grid is not None]
-    if grids and not opt.given(options):
-        return grids[0]
-    captures = [image.content for image in images if isinstance(image.content, cl.Capture)]
+    volumes = [image for image in images if isinstance(image, cl.Volume)]
+    if volumes and not opt.given(options):
+        return volumes[0].grid
+    captures = [image for image in images if isinstance(image, cl.Capture)]
     if not captures:
         text = "there is no capture to image: all inputs are volumes"
         raise opt.wrong_usage("--x-mm, --y-mm, --z-mm", text)
     return grid_for(captures[0], options, device)
 
 
-@dataclass(frozen=True, slots=True)
 class Measurement:
     """A measured image, what it was formed of, and the radar that simulations of it have."""
 
-    path: Path
-    content: Content
-    volume: cl.Volume
-    radar: dict[str, Any]
-
-
-def measurement(
-    path: Path,
-    frames: opt.FrameOptions,
-    radar: opt.RadarOptions,
-    voxels: opt.GridOptions,
-    imaging: opt.ImagingOptions,
-    device: cl.Device,
-) -> Measurement:
-    """Open a measurement, and form its image on the grid of the options if it is a capture."""
-    image = ImageInput.open(path, frames)
-    known = image.radar_or(radar)
-    volume = image.volume(common_grid(voxels, image, device=device), imaging, device)
-    return Measurement(path, image.content, volume, known)
+    def __init__(
+        self,
+        path: Path,
+        frames: opt.FrameOptions,
+        radar: opt.RadarOptions,
+        voxels: opt.GridOptions,
+        imaging: opt.ImagingOptions,
+        device: cl.Device,
+    ) -> None:
+        self.path, self.content = path, open_image(path, frames)
+        self.radar = radar_of(path, self.content, radar)
+        grid = common_grid(voxels, self.content, device=device)
+        self.volume = form_image(self.content, grid, imaging, device)
 
 
 def title_of(path: Path, meta: Mapping[str, Any]) -> str:
@@ -243,43 +211,32 @@ def figure_labels(paths: Sequence[Path], metas: Sequence[Mapping[str, Any]]) -> 
     return [str(path) if labels.count(label) > 1 else label for path, label in named]
 
 
-@dataclass(frozen=True, slots=True)
 class Comparison:
-    """A measured image and simulated ones, with the metrics of each."""
+    """The first image compared with each of the labelled ones after it."""
 
-    maps: Sequence[cl.DepthMap]
-    labels: Sequence[str]
-    metrics: Sequence[cl.Metrics]
-    dynamic_range_db: float
-
-    @classmethod
-    def of(
-        cls,
-        volumes: Sequence[cl.Volume],
-        labels: Sequence[str],
-        dynamic_range_db: float = DYNAMIC_RANGE_DB,
-    ) -> Comparison:
-        """Compare the first volume with each of the labelled ones after it."""
-        maps = [volume.depth_map(dynamic_range_db) for volume in volumes]
-        metrics = [cl.compare(maps[0], m, dynamic_range_db=dynamic_range_db) for m in maps[1:]]
-        return cls(maps, labels, metrics, dynamic_range_db)
+    def __init__(
+        self, images: Sequence[cl.Volume], labels: Sequence[str], range_db: float = DYNAMIC_RANGE_DB
+    ) -> None:
+        self.labels, self.range_db = labels, range_db
+        self.maps = [image.depth_map(range_db) for image in images]
+        compared = partial(cl.compare, self.maps[0], dynamic_range_db=range_db)
+        self.metrics = list(map(compared, self.maps[1:]))
 
     def print(self) -> None:
         """Print one row of metrics per simulated image, and what they do not show."""
         labelled = list(zip(self.labels, self.metrics, strict=True))
         names = [one.name for one in METRIC_TABLE]
         rows = [[label, *(one.text(found) for one in METRIC_TABLE)] for label, found in labelled]
-        print_table(("simulated", *names), rows, right=names)
+        console.table(("simulated", *names), rows, right=names)
         for label, found in labelled:
             for remark in found.remarks:
-                print_line(f"{label}: {remark}")
+                console.line(f"{label}: {remark}")
 
     def figure(self, **options: Any) -> Figure:
         """All images side by side; `options` as in `clradar.plot.comparison_figure`."""
         columns = list(zip(self.labels, self.maps[1:], strict=True))
         return cl.plot.comparison_figure(
-            self.maps[0], columns, metrics=self.metrics, dynamic_range_db=self.dynamic_range_db,
-            **options,
+            self.maps[0], columns, metrics=self.metrics, dynamic_range_db=self.range_db, **options
         )  # fmt: skip
 
     def records(self, paths: Sequence[Path]) -> list[dict[str, Any]]:
@@ -304,7 +261,7 @@ def write_simulation(
         {"measured": str(measured), **metrics},
     )  # fmt: skip
     for name, content in zip(SIMULATION_FILES, contents, strict=True):
-        write(folder / name, content, **more)
+        out.write(folder / name, content, **more)
     compared.print()
 
 
@@ -326,7 +283,7 @@ def figure_of(
             raise opt.wrong_usage(name, f"expected with a volume, which {path} is not")
     if isinstance(found, measurement_io.Recording):
         title = title_of(path, {})
-        with progress_bar("reading") as progress:
+        with console.bar("reading") as progress:
             return cl.plot.recording_figure(found, found.frame_numbers, title, progress=progress)
     if isinstance(found, cl.ChannelCalibration):
         from calibration.channels.figure import channels_figure

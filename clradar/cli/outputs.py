@@ -21,7 +21,7 @@ import numpy as np
 import clradar as cl
 import measurement_io as io
 from clradar import __version__
-from clradar.cli.console import print_line, progress_bar
+from clradar.cli import console
 from clradar.cli.groups import call, plain
 from clradar.errors import OutputError
 from clradar.files import atomic
@@ -49,13 +49,6 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
             written.add(place)
             _check_place(output, known)
             atomic.refuse_existing(output, force=call.force)
-
-
-def _same(one: Path, other: Path) -> bool:
-    """Whether two names are of one file, by links too."""
-    if os.path.realpath(one) == os.path.realpath(other):
-        return True
-    return one.exists() and other.exists() and one.samefile(other)
 
 
 def check_folder(
@@ -93,7 +86,8 @@ def check_folder(
 
 def _check_place(output: Path, known: dict[Path, bool]) -> None:
     """Raise unless an output may be where it is; `known`: which folders are recordings, of many."""
-    if any(_same(output, path) for path in call.paths):
+    there = [path for path in call.paths if path.exists() and output.exists()]
+    if any(output.samefile(path) for path in there):  # by links, too
         raise OutputError(f"{output}: is also an input; choose another name")
     if not output.parent.is_dir():
         raise OutputError(f"{output}: expected an existing folder, got '{output.parent}'")
@@ -182,7 +176,7 @@ def write(
         return None
     force = force or call.force
     if callable(content):
-        with progress_bar("writing the page" if path.suffix.startswith(".htm") else "drawing"):
+        with console.bar("writing the page" if path.suffix.startswith(".htm") else "drawing"):
             content = content()
     if isinstance(content, Mapping):
         write_json(path, {**content, **provenance(**more)}, force=force)
@@ -205,7 +199,7 @@ def write(
     else:
         content = save(path, content, provenance(**more), force=force)
     if text:
-        print_line(f"{path}: {text}")
+        console.line(f"{path}: {text}")
     return content
 
 

@@ -125,11 +125,8 @@ def axis_mm(option: str, text: str) -> Axis:
     if len(values) == 1:
         return values[0], values[0], 1.0
     first, last, step = values
-    if step <= 0 or last < first:
-        raise wrong_usage(option, f"expected FIRST <= LAST and STEP > 0, got '{text}'")
-    if last > first:
+    if whole_steps(option, text, *values):
         check_unit(option, step, "a step", (FINEST_SPACING_M, PLAUSIBLE_RANGE_M[1]), "mm")
-    whole_steps(option, text, first, last, step)
     return first, last, step
 
 
@@ -169,6 +166,8 @@ def by_part(option: str, texts: Sequence[str], read: Callable[[str, str], Any]) 
 
 def whole_steps(option: str, text: str, first: float, last: float, step: float) -> int:
     """The number of steps of a range; raises if they do not end at `last`."""
+    if step <= 0 or last < first:
+        raise wrong_usage(option, f"expected FIRST <= LAST and STEP > 0, got '{text}'")
     steps = (last - first) / step
     if not steps <= MOST_STEPS:
         raise wrong_usage(option, f"expected at most {MOST_STEPS} steps, got '{text}'")
@@ -192,14 +191,11 @@ def ascending(
         elif not all(limits[0] <= value <= limits[1] for value in values):
             expected = f"numbers in [{limits[0]:g}, {limits[1]:g}]"
         elif is_range:
-            first, last, step = values
-            if step <= 0 or last <= first:
-                expected = "FIRST below LAST and STEP above 0"
-            elif (last - first) / step > most - 1:
+            first, _, step = values
+            steps = whole_steps(option, text, *values)
+            values = [round(first + i * step, DECIMALS) for i in range(min(steps, most) + 1)]
+            if steps >= most:
                 expected = f"at most {most} {noun}"
-            else:
-                steps = whole_steps(option, text, first, last, step)
-                values = [round(first + i * step, DECIMALS) for i in range(steps + 1)]
         if not expected and len(values) < least:
             expected = f"at least {'two' if least == 2 else least} {noun}"
         if not expected and any(b <= a for a, b in pairwise(values)):

@@ -154,15 +154,13 @@ class Made:
 
 @dataclass(frozen=True, slots=True)
 class ShardMaker:
-    """Steps of a `Where`: make the samples of a shard, and put it in its place whole."""
+    """Work of a `Where`: makes the samples of a shard, and puts it in its place whole."""
 
     folder: Path
     plan: Plan
-    device: Any = None
 
-    def run(self, work: Work, progress: Progress | None) -> Made:
+    def run(self, work: Work, opened: Device, progress: Progress) -> Made:
         """Make a shard; what an earlier one has of it is kept."""
-        opened = open_device(self.device)
         made = Made(made_with(opened), {aside.sample: aside for aside in work.deadly})
         target = self.folder / work.name
         with new_shard(target, self.plan) as shard:
@@ -173,8 +171,7 @@ class ShardMaker:
                     shard.add(found, made.made_with)
                 if sample in made.failed:
                     shard.fail(made.failed[sample])
-                if progress is not None:
-                    progress(done, len(work.samples))
+                progress(done, len(work.samples))
         made.sha256 = sha256_of(target)
         return made
 
@@ -258,7 +255,7 @@ class _Run:
     ) -> Iterator[tuple[Work, str]]:
         """Do the work; yield what no worker could do, and why."""
         maker = ShardMaker(Path(os.path.abspath(self.path)), self.plan)  # links are not followed
-        for work, (result, _) in where.outcomes(maker, works, self.path, progress):
+        for work, (result, _) in where.outcomes(maker.run, works, self.path, progress):
             if type(result) is ClradarError:
                 yield work, str(result)
             elif isinstance(result, ClradarError):

@@ -20,6 +20,7 @@ from clradar.files.hashing import content_record, holds_still
 from clradar.files.json_differences import differences, listed_differences
 from clradar.files.json_file import read_json, write_json
 from clradar.jobs.lock import LOCK, held
+from clradar.jobs.outcome import Work
 from clradar.jobs.where import Where
 from clradar.model.progress import Progress
 
@@ -39,7 +40,7 @@ class Job:
 
         job = Job(folder=folder, work="image", key={"grid": ...}, own=(KEY, "parts"))
         with job.held():
-            for item, _ in job.each(steps, items, where, done=lambda i: path_of(i).is_file()):
+            for item, _ in job.each(work, items, where, done=lambda i: path_of(i).is_file()):
                 ...
     """
 
@@ -112,7 +113,7 @@ class Job:
 
     def each(
         self,
-        steps: Any,
+        work: Work[Any],
         items: Sequence[Item],
         where: Where,
         *,
@@ -133,7 +134,7 @@ class Job:
         if before:
             say(f"{self.folder}: resumes with {before} of {len(items)} {noun}s done before")
         said: set[str] = set()
-        for item, (result, warned) in where.outcomes(steps, left, self.folder, progress):
+        for item, (result, warned) in where.outcomes(work, left, self.folder, progress):
             failed = isinstance(result, ClradarError)
             if failed and tolerated(result):
                 warned = [*warned, str(result)]

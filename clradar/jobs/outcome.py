@@ -6,14 +6,20 @@ import platform
 import warnings
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 from clradar.errors import ClradarError, ClradarWarning
 from clradar.files.failures import clean
+from clradar.model.progress import Progress
 from clradar.opencl import Device
 from clradar.versions import own_version, package_versions
 
 ATTEMPTS = 2  # attempts at an item before it is set aside
+
+Result = TypeVar("Result")
+
+Work = Callable[[Any, Device, Progress], Result]
+"""Works on an item on a device; says by the last argument how far it is."""
 
 Outcome = tuple[Any, list[str]]
 """What a function returned, or its `ClradarError`; and its warnings, each once."""

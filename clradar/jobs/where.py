@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from clradar.errors import ClusterError, DeviceError, ModelError, warn
-from clradar.jobs.outcome import Outcome, outcome_of, silent
+from clradar.jobs.outcome import Outcome, Result, Work, outcome_of, silent
 from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, DeviceInfo, devices_like, open_device
 from clradar.opencl.choice import select_devices, several
@@ -23,10 +23,6 @@ if TYPE_CHECKING:
     from clradar.jobs.workers import Workers
 
 Item = TypeVar("Item")
-Result = TypeVar("Result")
-
-Work = Callable[[Any, Device, Progress], Iterable[Result]]
-"""Makes the results of an item on a device; says by the last argument how far it is."""
 
 DeviceLike = Device | str | Sequence[str] | None
 
@@ -79,13 +75,13 @@ class Where:
             )
 
     def made(
-        self, work: Work[Result], items: Iterable[Any], progress: Progress | None = None
+        self, work: Work[Iterable[Result]], items: Iterable[Any], progress: Progress | None = None
     ) -> Iterator[tuple[int, Result]]:
         """Yield the results of all items in order, each with its item's number; or an error."""
         items = list(items)
         if self.here or len(items) < 2:
             for i, item, part in _with_progress(items, progress):
-                for result in work(item, self.first, part or silent):
+                for result in work(item, self.first, part):
                     yield i, result
             return
         said: set[str] = set()
@@ -100,20 +96,18 @@ class Where:
                     progress(i + 1, len(items))
 
     def outcomes(
-        self, steps: Any, items: Sequence[Item], folder: Path, progress: Progress | None = None
+        self, work: Work[Any], items: Sequence[Item], folder: Path, progress: Progress | None = None
     ) -> Iterator[tuple[Item, Outcome]]:
-        """Run the steps of every item; yield items with their outcomes, as they are done.
+        """Work on every item; yield items with their outcomes, as they are done.
 
-        `steps` is a dataclass with a field `device` and a method `run` of an item and a progress
-        callback or None, which writes into `folder`; it can be pickled, and so can the items.
+        `work` writes into `folder`, and can be pickled, and so can the items.
         """
         if self.here:
             for _, item, part in _with_progress(items, progress):
-                yield item, outcome_of(_run, steps, item, self.first, part)
+                yield item, outcome_of(work, item, self.first, part)
         elif items:
-            elsewhere = partial(_run, replace(steps, device=None))  # each opens its own
             with self._started(len(items), folder) as started:
-                found = started.outcomes(elsewhere, items)
+                found = started.outcomes(work, items)
                 for done, (number, outcome) in enumerate(found, start=1):
                     yield items[number], outcome
                     if progress is not None:
@@ -210,19 +204,14 @@ def _all_of(work: Any, item: Any, device: Device, progress: Progress) -> list[An
     return list(work(item, device, progress))
 
 
-def _run(steps: Any, item: Any, device: Device, progress: Progress | None) -> Any:
-    return replace(steps, device=device).run(item, progress)
-
-
 def _with_progress(
     items: Sequence[Item], progress: Progress | None
-) -> Iterator[tuple[int, Item, Progress | None]]:
+) -> Iterator[tuple[int, Item, Progress]]:
     """Number each item, with the progress of its share, which is complete at the next one."""
     for i, item in enumerate(items):
-        part = part_of(progress, i / len(items), (i + 1) / len(items))
+        part = part_of(progress, i / len(items), (i + 1) / len(items)) or silent
         yield i, item, part
-        if part is not None:
-            part(1, 1)
+        part(1, 1)
 
 
 def _listed(infos: Sequence[DeviceInfo]) -> str:

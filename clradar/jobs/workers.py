@@ -10,7 +10,7 @@ import json
 import logging
 import os
 import secrets
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -30,8 +30,7 @@ from clradar.files.failures import clean, shown
 from clradar.files.interrupts import interrupts_blocked
 from clradar.files.json_differences import differences
 from clradar.jobs.lock import scratch_folder
-from clradar.jobs.outcome import ATTEMPTS, Outcome, made_with, outcome_of, reason_of, silent
-from clradar.model.progress import Progress
+from clradar.jobs.outcome import ATTEMPTS, Outcome, Work, made_with, outcome_of, reason_of, silent
 from clradar.opencl import Device, DeviceInfo, open_device
 from clradar.opencl.program import self_test
 from clradar.versions import own_version
@@ -53,8 +52,6 @@ LATE_S, LATE_STEP_S = 120.0, 0.05
 BLAS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 HERE = "127.0.0.1"
-
-Function = Callable[[Any, Device, Progress], Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +162,8 @@ def local_client(shares: Sequence[Share]) -> Iterator[distributed.Client]:
 
 def _silence() -> None:
     """Silence Dask's own messages: the fate of items and workers is reported here."""
+    # Of what goes to a worker with an item, such as a mesh.
+    dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TB"})
     # Dask gives some of its loggers levels of their own, so that the parent's does not count.
     known = list(logging.root.manager.loggerDict)
     for name in {"distributed", "tornado.application", "asyncio", *known}:
@@ -195,11 +194,11 @@ def breach(terms: Terms) -> str | None:
     return f"cannot see {shown(unseen[0])}; share it under this name" if unseen else None
 
 
-def run_item(function: Function, item: Any, terms: Terms | None) -> Outcome:
+def run_item(work: Work[Any], item: Any, terms: Terms | None) -> Outcome:
     """Work on an item: the task that Dask runs."""
     if terms is None:  # a process of this machine, whose device is in CLRADAR_DEVICE
         device = _tested_device()
-        result, warned = outcome_of(function, item, device, silent)
+        result, warned = outcome_of(work, item, device, silent)
         if type(result) is DeviceError:  # with its selector: names may be the same
             text = str(result).removeprefix(f"device {device.info.label}: ")
             result = DeviceError(f"device {device.info.selector} {device.info.label}: {text}")
@@ -211,7 +210,7 @@ def run_item(function: Function, item: Any, terms: Terms | None) -> Outcome:
     try:
         if moves:
             os.chdir(terms.here)
-        return outcome_of(function, item, open_device(terms.device), silent)
+        return outcome_of(work, item, open_device(terms.device), silent)
     finally:
         if moves:
             os.chdir(before)
@@ -271,9 +270,9 @@ class Workers:
             raise ClusterError(f"{address}: {expected}, got {got}")
         return facts
 
-    def in_order(self, function: Function, items: Sequence[Any]) -> Iterator[Outcome]:
+    def in_order(self, work: Work[Any], items: Sequence[Any]) -> Iterator[Outcome]:
         """Yield the outcomes of all items in their order; the first error ends all."""
-        for i, future in self._finished(function, [*enumerate(items)], AHEAD, ordered=True):
+        for i, future in self._finished(work, [*enumerate(items)], AHEAD, ordered=True):
             try:
                 result, warned = future.result()
             except distributed.KilledWorker as error:
@@ -286,26 +285,26 @@ class Workers:
                 raise result
             yield result, warned
 
-    def outcomes(self, function: Function, items: Sequence[Any]) -> Iterator[tuple[int, Outcome]]:
+    def outcomes(self, work: Work[Any], items: Sequence[Any]) -> Iterator[tuple[int, Outcome]]:
         """Yield the number of each item with its outcome, as soon as it is known.
 
         When a worker dies, Dask blames all items that it had. So those that it gives up are
         retried at the end, each alone in the whole cluster. Workers that died are back at the end.
         """
         blamed: list[int] = []
-        yield from self._outcomes(function, [*enumerate(items)], blamed)
+        yield from self._outcomes(work, [*enumerate(items)], blamed)
         for number in sorted(blamed):
             alone = [(number, items[number])] if len(items) > 1 else []
             died = number, (ClradarError("its worker process died each time"), list[str]())
-            yield [*self._outcomes(function, alone, []), died][0]
+            yield [*self._outcomes(work, alone, []), died][0]
         if blamed:
             self._await_workers(RETURN_S)
 
     def _outcomes(
-        self, function: Function, items: Sequence[tuple[int, Any]], blamed: list[int]
+        self, work: Work[Any], items: Sequence[tuple[int, Any]], blamed: list[int]
     ) -> Iterator[tuple[int, Outcome]]:
         """The same without another try; items at which a worker died become `blamed`."""
-        for number, future in self._finished(function, items, WAITING):
+        for number, future in self._finished(work, items, WAITING):
             try:
                 yield number, future.result()
             except distributed.KilledWorker:
@@ -319,7 +318,7 @@ class Workers:
 
     def _finished(
         self,
-        function: Function,
+        work: Work[Any],
         items: Sequence[tuple[int, Any]],
         ahead: int,
         *,
@@ -334,7 +333,7 @@ class Workers:
             for turn, (expected, _) in enumerate(items):
                 for number, item in items[submitted : turn + max(1, ahead * len(self._known()))]:
                     future = self.client.submit(
-                        run_item, function, item, self.terms, key=("item", run, number),
+                        run_item, work, item, self.terms, key=("item", run, number),
                         resources={DEVICE: 1}, retries=0 if ordered else ATTEMPTS - 1,
                     )  # fmt: skip
                     pending[future] = number

@@ -13,7 +13,6 @@ from rig_files import RigMaker
 from systems import posix_only
 
 from clradar.cli import console
-from clradar.cli.console import progress_bar
 from clradar.cli.groups import call
 from clradar.compare.metrics import METRIC_TABLE
 from clradar.errors import DeviceError, MeshError
@@ -43,7 +42,7 @@ def test_a_progress_bar_says_what_is_done_now(monkeypatch):
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setenv("TERM", "xterm")
-    with progress_bar("fitting") as progress:
+    with console.bar("fitting") as progress:
         say_stage(progress, "[A], 1 of 24")
         part = part_of(progress, 0.0, 0.5)
         assert part is not None
@@ -51,7 +50,7 @@ def test_a_progress_bar_says_what_is_done_now(monkeypatch):
     assert "fitting: [A], 1 of 24" in terminal.getvalue()
     assert "25%" in terminal.getvalue()
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    with progress_bar("fitting") as progress:
+    with console.bar("fitting") as progress:
         assert progress is None
     say_stage(progress, "simulating")
 
@@ -76,7 +75,7 @@ def test_a_terminal_cuts_no_cell_of_a_table(columns, name, monkeypatch):
     terminal = Terminal()
     monkeypatch.setattr(sys, "stdout", terminal)
     monkeypatch.setenv("COLUMNS", str(columns))
-    console.print_table(heads, [row], right=right)
+    console.table(heads, [row], right=right)
     shown = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", terminal.getvalue())
     assert "…" not in shown
     for cell in row if name != "long name" else row[1:]:
@@ -90,14 +89,14 @@ def test_a_terminal_cuts_no_cell_of_a_table(columns, name, monkeypatch):
 
 def test_a_table_in_a_pipe_is_not_cut(capsys):
     long = "a [bold]name[/bold] " + 60 * "with words "
-    console.print_table(("one", "two"), [(long, "1"), ("line\nbreak", "2")], right=("two",))
+    console.table(("one", "two"), [(long, "1"), ("line\nbreak", "2")], right=("two",))
     lines = capsys.readouterr().out.splitlines()
     assert long.strip() in lines[2]
     assert "line break" in lines[3]
 
 
 def test_error_lines_are_printable(capsys):
-    console.print_error("a\n\tb \x1b[31m \udcff")
+    console.error("a\n\tb \x1b[31m \udcff")
     assert capsys.readouterr().err == "clradar: error: a b \\x1b[31m \\udcff\n"
 
 

@@ -78,7 +78,7 @@ def test_every_command_with_a_device_takes_all_and_with_a_radar_any(cli, place, 
         raise ValueError("the demo is made")
 
     monkeypatch.setattr("clradar.cli.commands.simulate.run_demo", broken)
-    monkeypatch.setattr("clradar.cli.commands.process.RecordingWork._write", lambda *_: None)
+    monkeypatch.setattr("clradar.cli.commands.process.write_results", lambda *_: None)
     line, reason = WITH_DEVICE[name]
     outcome = cli(f"{line} --device all")
     assert outcome.status == bool(reason), outcome.err

@@ -93,7 +93,7 @@ def test_an_interrupted_image_resumes(
     made: list[tuple[int, int]] = []
     one_part = PartSteps.run
     monkeypatch.setattr(
-        PartSteps, "run", lambda s, part, *_: made.append(part) or one_part(s, part)
+        PartSteps, "run", lambda s, part, *more: made.append(part) or one_part(s, part, *more)
     )
     assert f"resumes with {kept} of 4 parts done before" in cli.ok(line).out
     assert len(made) == 4 - kept

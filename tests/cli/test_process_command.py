@@ -107,7 +107,9 @@ def done(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Numbers of the frames that are processed."""
     numbers: list[int] = []
     one_frame = FrameSteps.run
-    monkeypatch.setattr(FrameSteps, "run", lambda s, n, _: numbers.append(n) or one_frame(s, n))
+    monkeypatch.setattr(
+        FrameSteps, "run", lambda s, n, *more: numbers.append(n) or one_frame(s, n, *more)
+    )
     return numbers
 
 
@@ -204,7 +206,7 @@ def test_a_frame_that_cannot_be_read_costs_no_other_and_places_no_grid(
         placed.append(capture)
         return VoxelGrid([-0.05, -0.04, 0.3], [5e-3] * 3, [21, 17, 3])
 
-    monkeypatch.setattr(recordings, "grid_for", grid_for)
+    monkeypatch.setattr("clradar.cli.images.grid_for", grid_for)
     folder = recorded.recorder.write(tmp_path, n_frames=3).folder
     next(folder.rglob("000000.npy")).write_bytes(b"no frame")
     outcome = cli(f"process {folder} -o out --gate-mm 200:400")

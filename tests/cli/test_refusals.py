@@ -85,7 +85,7 @@ WRONG_USAGE = [
     (f"{SWEEP} --band 70:82:9", "its antennas and frequencies"),
     (f"{SWEEP} --regions parts --max-bounces 2", "--regions"),
     (f"{SWEEP} {ROUGH} --alpha 0:1:0.1", "expected without"),
-    (f"{SWEEP} {ROUGH} --correlation-mm 3:1:1", "FIRST below LAST"),
+    (f"{SWEEP} {ROUGH} --correlation-mm 3:1:1", "FIRST <= LAST"),
     (f"{SWEEP} {ROUGH} --correlation-mm 1000", "numbers in"),
     (f"{SWEEP} --material palm", "--roughness-mm"),
     (f"{SWEEP} --calibrated", "--roughness-mm"),

@@ -19,8 +19,6 @@ from rig_files import RigMaker
 
 import clradar
 from clradar.arrays import read_clusters
-from clradar.cli.commands import simulate as simulations
-from clradar.cli.commands.simulate import ClusterSteps, Item
 from clradar.cli.groups import arguments_of, paths_in
 from clradar.cli.options import MaterialOptions, PlacementOptions, SceneOptions, mesh_and_alpha
 from clradar.errors import ClradarError, ModelError
@@ -273,11 +271,13 @@ def test_from_clusters_to_one_image(cli, walled):
 
 @pytest.mark.parametrize("how", ["--scheduler", *nightly(["--workers 2", "--device all"])])
 def test_workers_and_devices_make_the_same_files(cli, walled, how):
-    pytest.importorskip("distributed")
+    dask = pytest.importorskip("distributed").client.dask
     cli.ok(f"{walled} here")
     line = f"{walled} there {how}"
     if how == "--scheduler":
-        with worker_here() as address:
+        # Meshes may be larger than what Dask warns of.
+        few = dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 B"})
+        with worker_here() as address, few:
             cli.ok(f"{line} {address}")
     elif "--workers" in how:
         cli.ok(line)
@@ -287,19 +287,6 @@ def test_workers_and_devices_make_the_same_files(cli, walled, how):
     assert tree("here").keys() == FILES
     # One file says when the inputs were seen.
     assert tree("there", "settings.json") == tree("here", "settings.json")
-
-
-def test_a_mesh_that_changes_between_clusters_is_refused(cli, walled, monkeypatch):
-    one = ClusterSteps.run
-
-    def changing(self: ClusterSteps, item: Item, progress: Any = None) -> str:
-        ball(0.015, 0.01, 0, 0.3, subdivisions=1).export("ball.ply")
-        simulations._scenes.clear()  # as in another process
-        return one(self, item, progress)
-
-    monkeypatch.setattr(ClusterSteps, "run", changing)
-    cli.fails(f"{walled} made", "ball.ply: changed while clusters were simulated")
-    assert not Path("made").exists()
 
 
 # ---- scenes that move

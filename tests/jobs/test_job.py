@@ -39,10 +39,9 @@ class Steps:
     """Write the square of an item; one fails, and each warns."""
 
     folder: Path
-    device: Any = None
     fails: int = -1
 
-    def run(self, item: int, progress: Any) -> int:
+    def run(self, item: int, device: Any, progress: Any) -> int:
         warn("each says this")
         if item == self.fails:
             raise MeasurementError("item 2 cannot be read")
@@ -60,7 +59,7 @@ def done(one: Job, steps: Steps, **more: Any) -> list[tuple[int, int]]:
         (one.folder / "done").mkdir(exist_ok=True)
         there = one.folder / "done"
         return list(
-            one.each(steps, range(4), HERE, done=lambda i: (there / str(i)).is_file(), **more)
+            one.each(steps.run, range(4), HERE, done=lambda i: (there / str(i)).is_file(), **more)
         )
 
 

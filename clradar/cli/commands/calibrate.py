@@ -11,17 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import calibration
 import clradar as cl
 import measurement_io
-from clradar.cli import options as opt, parse
-from clradar.cli.console import (
-    counted,
-    print_line,
-    print_table,
-    print_text,
-    print_warning,
-    progress_bar,
-)
-from clradar.cli.images import rms_db, title_of
-from clradar.cli.outputs import write
+from clradar.cli import console, images as img, options as opt, outputs as out, parse
 from clradar.errors import ModelError
 from clradar.files.failures import fail
 from clradar.jobs import open_devices
@@ -73,12 +63,12 @@ def clean_command(
             f"{100 * channels['live_share']:.1f} % of the pairs left, without "
             f"{len(channels['masked_tx'])} Tx and {len(channels['masked_rx'])} Rx"
         )
-    write(output, done, "; ".join(steps))
-    before_db, after_db = rms_db(loaded), rms_db(done)
+    out.write(output, done, "; ".join(steps))
+    before_db, after_db = img.rms_db(loaded), img.rms_db(done)
     change = "zero"
     if before_db is not None and after_db is not None:
         change = f"{after_db - before_db:+.1f} dB"
-    print_line(f"{output}: power against {capture}: {change}")
+    console.line(f"{output}: power against {capture}: {change}")
 
 
 def read(
@@ -91,7 +81,7 @@ def read(
     recording = measurement_io.open_recording(path, variant=variant)
     if not len(recording):
         fail(path, f"frames of variant {variant}", "none")
-    with progress_bar("averaging") as progress:
+    with console.bar("averaging") as progress:
 
         def captures() -> Iterator[cl.Capture]:
             for number, capture in enumerate(recording, start=1):
@@ -102,8 +92,8 @@ def read(
         found = calibration.average_frames(captures(), align_phase=align_phase)
     expected, count = found.meta.get("number_of_measurements"), len(recording)
     if isinstance(expected, int) and expected != count:
-        print_warning(f"{path}: {count} of {expected} frames are there; averaged those")
-    return found, f"mean of {counted(found.meta['average']['frames'], 'frame')}"
+        console.warning(f"{path}: {count} of {expected} frames are there; averaged those")
+    return found, f"mean of {console.counted(found.meta['average']['frames'], 'frame')}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,16 +184,16 @@ def channels_command(
 
     known = target.read()
     loaded = opt.open_frame(capture, frames)
-    with progress_bar("fitting channels") as progress:
+    with console.bar("fitting channels") as progress:
         channels = calibration.estimate_channels(
             loaded, known, progress=progress, **estimate.settings()
         )
-    channels = write(output, channels)
+    channels = out.write(output, channels)
     facts = facts_of(channels)
     first = [fact.name for fact in facts].index("dead Tx")  # what is before is of the capture, too
-    print_text(str(Description(str(output), "channels", tuple(facts[first:-1]))))
-    figure = partial(channels_figure, channels, title_of(capture, loaded.meta))
-    write(plot, figure, "gains, phases and delays")
+    console.text(str(Description(str(output), "channels", tuple(facts[first:-1]))))
+    figure = partial(channels_figure, channels, img.title_of(capture, loaded.meta))
+    out.write(plot, figure, "gains, phases and delays")
 
 
 SCORE_COLUMNS = ("axes", "phase", "frequencies", "sharpness (dB)", "brightest at x, y, z (mm)", "")
@@ -235,7 +225,7 @@ def diagnose_command(
     expected_m = None if expect_mm is None else opt.scaled(expect_mm, 1e3)
     loaded = opt.open_frame(capture, frames)
     opened = open_devices(device).first
-    with progress_bar("imaging") as progress:
+    with console.bar("imaging") as progress:
         result = calibration.diagnose(
             loaded, grid=grid, expected_m=expected_m, device=opened, progress=progress
         )
@@ -254,25 +244,25 @@ def diagnose_command(
             ]
             row += ["descending" if h.reversed else "ascending", decibels(score.relative_db), place]
             rows.append([*row, mark_of(result, h)])
-        print_table(SCORE_COLUMNS, rows, right=SCORE_COLUMNS[3:5])
-    print_line(result.recommendation)
-    write(json, {"capture": str(capture), **result.to_dict()}, "the result, in metres")
+        console.table(SCORE_COLUMNS, rows, right=SCORE_COLUMNS[3:5])
+    console.line(result.recommendation)
+    out.write(json, {"capture": str(capture), **result.to_dict()}, "the result, in metres")
     if result.scores:
-        title = title_of(capture, loaded.meta)
+        title = img.title_of(capture, loaded.meta)
         figure = partial(cl.plot.panels_figure, list(panels.values()), title)
-        write(output, figure, "the image under each hypothesis")
+        out.write(output, figure, "the image under each hypothesis")
     elif output is not None:
-        print_warning(f"{output}: not drawn, since there is no image")
+        console.warning(f"{output}: not drawn, since there is no image")
     if fix_to is not None:
         if result.best is None:
             raise ModelError(f"{capture}: not written, since its convention is not known")
         others = [f"'{h.label}'" for h in result.candidates[1:]]
         others += [] if result.mirror_known else ["the mirror image"]
         if others:
-            print_warning(f"{capture}: {' / '.join(others)} cannot be ruled out")
+            console.warning(f"{capture}: {' / '.join(others)} cannot be ruled out")
         fixed = calibration.apply_convention(loaded, result.best)
         undone = f"with '{result.best.label}' undone" if result.best.changes else "as it is"
-        write(fix_to, fixed, f"the capture {undone}")
+        out.write(fix_to, fixed, f"the capture {undone}")
 
 
 def mark_of(result: calibration.Diagnosis, hypothesis: calibration.Hypothesis) -> str:

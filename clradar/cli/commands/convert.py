@@ -10,9 +10,7 @@ from typing import Any, Literal
 
 import clradar as cl
 import measurement_io
-from clradar.cli import options as opt, outputs as out, parse
-from clradar.cli.console import counted, print_line, print_warning, progress_bar
-from clradar.cli.images import ImageInput, ReadOnAccess
+from clradar.cli import console, images as img, options as opt, outputs as out, parse
 from clradar.errors import MeasurementError, ModelError
 from clradar.files.failures import fail
 from clradar.jobs.lock import made_folder
@@ -38,12 +36,12 @@ def write_captures(
     beside, written = opt.paths_in(opt.arguments_of(antennas)), list[str]()
     if output.is_dir():
         out.check_outputs(files)
-    with made_folder(output), progress_bar("converting") as progress:
+    with made_folder(output), console.bar("converting") as progress:
         for done, (path, opened) in enumerate(files.items(), start=1):
             try:
                 capture = opened()
             except MeasurementError as error:
-                print_warning(error)
+                console.warning(error)
                 continue
             own = {key: capture.meta[key] for key in ("frame", "variant")}
             inputs = [*(opt.frame_files(capture) if source.is_dir() else [source]), *beside]
@@ -54,8 +52,8 @@ def write_captures(
                 progress(done, len(files))
         if len(written) < len(files):
             raise MeasurementError(f"{source}: {len(written)} of {len(files)} frames converted")
-    counts = ", ".join(counted(len(view), f"{name} frame") for name, view in views.items())
-    print_line(f"{output}: {counts}, {written[0]} to {written[-1]}")
+    counts = ", ".join(console.counted(len(view), f"{name} frame") for name, view in views.items())
+    console.line(f"{output}: {counts}, {written[0]} to {written[-1]}")
 
 
 def write_recording(sources: Sequence[Path], output: Path, antennas: opt.AntennaOptions) -> None:
@@ -78,15 +76,15 @@ def write_recording(sources: Sequence[Path], output: Path, antennas: opt.Antenna
         found = measurement_io.open_capture(path, **opt.arguments_of(own))
         return out.described(found, out.provenance([path, *beside]))
 
-    captures = ReadOnAccess(sources, read)
-    with progress_bar("converting") as progress:
+    captures = img.ReadOnAccess(sources, read)
+    with console.bar("converting") as progress:
         try:
             radar = measurement_io.save_recording(
                 output, captures, force=opt.call.force, progress=progress
             )
         except ModelError as error:
             raise ModelError(f"{opened[-1]}: {error}") from error
-    print_line(f"{radar}: {counted(len(sources), 'frame')}")
+    console.line(f"{radar}: {console.counted(len(sources), 'frame')}")
 
 
 def convert_command(
@@ -155,8 +153,7 @@ def export_command(
     from measurement_io.export import FORMATS
 
     parse.ends_in(*FORMATS)("-o", output)
-    loaded = ImageInput.open(source, frames)
-    content: Any = loaded.content
+    content: Any = img.open_image(source, frames)
     if depth_map and isinstance(content, cl.Capture):
         raise opt.wrong_usage("--depth-map", f"expected a volume, got a capture: {source}")
     if depth_map or (output.suffix.lower() == ".ply" and not isinstance(content, cl.Capture)):
@@ -166,4 +163,4 @@ def export_command(
     measurement_io.export_file(output, content, force=opt.call.force)
     kind = {cl.Capture: "capture", cl.Volume: "volume"}.get(type(content), "depth map")
     shape = content.__array__().shape[:: 1 if kind == "capture" else -1]  # x first, as everywhere
-    print_line(f"{output}: {kind}, {' x '.join(map(str, shape))}")
+    console.line(f"{output}: {kind}, {' x '.join(map(str, shape))}")

@@ -10,19 +10,7 @@ from typing import Any
 
 import calibration
 import clradar as cl
-from clradar.cli import options as opt, parse
-from clradar.cli.console import counted, print_line, print_text, progress_bar
-from clradar.cli.images import (
-    SIMULATION_FILES,
-    Comparison,
-    ImageInput,
-    Measurement,
-    common_grid,
-    measurement,
-    simulated_surface,
-    write_simulation,
-)
-from clradar.cli.outputs import check_folder, whole_folder, write
+from clradar.cli import console, images as img, options as opt, outputs as out, parse
 from clradar.errors import ClradarWarning
 from clradar.jobs import open_devices
 from clradar.model import checks
@@ -69,13 +57,13 @@ def align_command(
         settings["dynamic_range_db"] = dynamic_range_db
     scene = None if mesh is None else cl.Scene.from_mesh(mesh, unit=unit.unit)
     opened = open_devices(device).first
-    images = [ImageInput.open(measured, frames)]
-    instrument = {} if scene is None else images[0].radar_or(radar)
+    images = [img.open_image(measured, frames)]
+    instrument = {} if scene is None else img.radar_of(measured, images[0], radar)
     if scene is None:
-        images.append(ImageInput.open(path))
-    grid = common_grid(voxels, *images, device=opened)
-    volumes = [image.volume(grid, imaging, opened) for image in images]
-    with progress_bar("aligning") as progress:
+        images.append(img.open_image(path))
+    grid = img.common_grid(voxels, *images, device=opened)
+    volumes = [img.form_image(image, grid, imaging, opened) for image in images]
+    with console.bar("aligning") as progress:
         if scene is None:
             result = calibration.align(*volumes, progress=progress, **settings)
         else:
@@ -83,13 +71,13 @@ def align_command(
                 volumes[0], scene, correct_bias=not quick, device=opened, progress=progress,
                 **settings, **instrument,
             )  # fmt: skip
-    print_text(result.report().partition(DOUBTS)[0])
+    console.text(result.report().partition(DOUBTS)[0])
     text = "the transform, its covariance and this report"
-    write(output, result.to_dict(), text, grid=opt.grid_text(volumes[0].grid))
+    out.write(output, result.to_dict(), text, grid=opt.grid_text(volumes[0].grid))
 
 
 TRANSFORM = "transform.json"
-REGISTERED = (TRANSFORM, *SIMULATION_FILES)
+REGISTERED = (TRANSFORM, *img.SIMULATION_FILES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +107,7 @@ def register_command(
     """DIR gets the placed mesh, its transform, its simulation (capture and volume), a figure and
     the metrics: all or nothing. Done when a round moves the mesh by less than 0.1 mm.
     """
-    check_folder(output, REGISTERED)
+    out.check_folder(output, REGISTERED)
     how = opt.arguments_of(registration)
     alpha, unit = how.pop("alpha"), how.pop("unit")
     how["estimator"] = made_of.estimator(registration.estimator)
@@ -129,16 +117,16 @@ def register_command(
     how["fit_alpha"] = fitted and not physical
     scene = made_of.on(cl.Scene.from_mesh(mesh, alpha=0.5 if fitted else alpha, unit=unit))
     opened = open_devices(device).first
-    found = measurement(measured, frames, radar, voxels, opt.ImagingOptions(), opened)
-    with progress_bar("registering") as progress:
+    found = img.Measurement(measured, frames, radar, voxels, opt.ImagingOptions(), opened)
+    with console.bar("registering") as progress:
         how |= {"device": opened, "progress": progress, **found.radar}
         result = calibration.register(found.volume, scene, **how)
     alpha, label = result.rounds[-1].alpha, "Simulated"
     if alpha is not None:
         label += f", \N{GREEK SMALL LETTER ALPHA} = {alpha:.2f}"
     elif result.capture.meta["settings"]["estimator"] == opt.PHYSICAL:
-        label += f", {simulated_surface(result.capture.meta)}"
-    compared = Comparison.of([found.volume, result.volume], [label])
+        label += f", {img.simulated_surface(result.capture.meta)}"
+    compared = img.Comparison([found.volume, result.volume], [label])
     rounds = [
         {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}
         for r in result.rounds
@@ -146,17 +134,19 @@ def register_command(
     metrics = {"alpha": alpha, "simulated": compared.records([Path("volume.h5")])}
     simulated = (result.scene, result.capture, result.volume)
     more: dict[str, Any] = {"grid": opt.grid_text(found.volume.grid)}
-    with whole_folder(output, REGISTERED) as made:
-        write(made / TRANSFORM, {**result.alignment.to_dict(), "rounds": rounds}, **more)
-        write_simulation(made, measured, simulated, compared, metrics, **more)
-    print_text(result.alignment.report().partition(DOUBTS)[0])
+    with out.whole_folder(output, REGISTERED) as made:
+        out.write(made / TRANSFORM, {**result.alignment.to_dict(), "rounds": rounds}, **more)
+        img.write_simulation(made, measured, simulated, compared, metrics, **more)
+    console.text(result.alignment.report().partition(DOUBTS)[0])
     moved_mm = 1e3 * result.rounds[-1].moved_m
-    print_line(f"{counted(len(result.rounds), 'round')}, the last moved it by {moved_mm:.2f} mm")
-    print_line(f"{output}: {', '.join(REGISTERED)}")
+    console.line(
+        f"{console.counted(len(result.rounds), 'round')}, the last moved it by {moved_mm:.2f} mm"
+    )
+    console.line(f"{output}: {', '.join(REGISTERED)}")
 
 
 POSE, HAND_FIT, OVERLAY = "pose.toml", "fit.json", "overlay.png"
-FITTED = (POSE, HAND_FIT, OVERLAY, *SIMULATION_FILES)
+FITTED = (POSE, HAND_FIT, OVERLAY, *img.SIMULATION_FILES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,22 +183,22 @@ def fit_hand_command(
     hand` and data sets), placed.ply, fit.json with what the measurement tells and what not, the
     hand's simulation, two pictures and the metrics: all or nothing. See docs/hand-fit.md.
     """
-    check_folder(output, FITTED)
+    out.check_folder(output, FITTED)
     alpha = None if fitting.alpha == parse.FIT else fitting.alpha
     settings = {**fitting.settings(fitting.pose), "alpha": alpha, "closed_loop": not fitting.quick}
     opened = open_devices(device).first
-    found = measurement(measured, frame, radar, voxels, imaging, opened)
-    with progress_bar("fitting") as progress:
+    found = img.Measurement(measured, frame, radar, voxels, imaging, opened)
+    with console.bar("fitting") as progress:
         settings |= {"device": opened, "progress": progress, **found.radar}
         fit = calibration.fit_hand(found.volume, **settings)
-    with whole_folder(output, FITTED) as made:
+    with out.whole_folder(output, FITTED) as made:
         write_hand_fit(made, found, fit, fitting.seed, opened)
-    print_text(fit.report().partition(DOUBTS)[0])
-    print_line(f"{output}: {', '.join(FITTED)}")
+    console.text(fit.report().partition(DOUBTS)[0])
+    console.line(f"{output}: {', '.join(FITTED)}")
 
 
 def write_hand_fit(
-    folder: Path, measured: Measurement, fit: calibration.HandFit, seed: int, device: cl.Device
+    folder: Path, measured: img.Measurement, fit: calibration.HandFit, seed: int, device: cl.Device
 ) -> None:
     """Write all files of a fit into `folder`; the hand before and after is simulated for them."""
     from calibration.hand_fit.figure import hand_fit_figure
@@ -217,7 +207,7 @@ def write_hand_fit(
     used = Radar.of("fit_hand", measured.radar.get("array"), measured.radar.get("waveform"))
 
     def imaged(scene: cl.Scene) -> tuple[cl.Capture, cl.Volume]:
-        with progress_bar("simulating") as progress:
+        with console.bar("simulating") as progress:
             capture = cl.simulate(
                 scene, used.array, used.waveform, seed=seed, device=device, progress=progress
             )
@@ -228,15 +218,15 @@ def write_hand_fit(
     name, source = f"{fit.pose.name}, fitted to {measured.path.name}", str(measured.path)
     cl.hand.write_pose(folder / POSE, replace(fit.pose, name=name, description="", source=source))
     more: dict[str, Any] = {"grid": opt.grid_text(measured.volume.grid)}
-    write(folder / HAND_FIT, fit.to_dict(), **more)
-    write(folder / OVERLAY, partial(hand_fit_figure, measured.volume, fit))
+    out.write(folder / HAND_FIT, fit.to_dict(), **more)
+    out.write(folder / OVERLAY, partial(hand_fit_figure, measured.volume, fit))
     labels = [f"Before: '{fit.start}', moved", "After"]
-    if (surface := simulated_surface(after.meta)) is not None:
+    if (surface := img.simulated_surface(after.meta)) is not None:
         labels[1] += f", {surface}"
     with warnings.catch_warnings():
         # That the start is another pose is no news; the table has what differs.
         warnings.simplefilter("ignore", ClradarWarning)
-        compared = Comparison.of([measured.volume, before, after], labels)
+        compared = img.Comparison([measured.volume, before, after], labels)
     metrics = dict(zip(("before", "after"), (m.to_dict() for m in compared.metrics), strict=True))
     simulated = (fit.scene, capture, after)
-    write_simulation(folder, measured.path, simulated, compared, metrics, **more)
+    img.write_simulation(folder, measured.path, simulated, compared, metrics, **more)

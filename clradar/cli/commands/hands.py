@@ -10,16 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import clradar as cl
-from clradar.cli import options as opt, parse
-from clradar.cli.console import (
-    counted,
-    print_line,
-    print_table,
-    print_text,
-    print_warning,
-    progress_bar,
-)
-from clradar.cli.outputs import MESHES, check_folder, joints_record, turned, write
+from clradar.cli import console, options as opt, outputs as out, parse
 from clradar.errors import ClradarError
 from clradar.files.failures import fail
 from clradar.files.json_file import indented, read_json
@@ -142,13 +133,13 @@ def hand_command(
     from clradar.hand.pose_file import pose_of
 
     if list_poses:
-        print_table(
+        console.table(
             ("pose", "description"), [(n, known.description) for n, known in cl.hand.POSES.items()]
         )
         return
     if output is None:
         raise opt.wrong_usage("-o", "expected a mesh file to write, or --list")
-    parse.ends_in(*((".toml",) if start is not None else MESHES))("-o", output)
+    parse.ends_in(*((".toml",) if start is not None else out.MESHES))("-o", output)
     if start is not None:
         folder = output.parent
         hand = {"center_mm": center_mm, **surface.motion_keys(folder)}
@@ -161,7 +152,7 @@ def hand_command(
             named = os.path.relpath(name, folder) if Path(name).suffix else name
             text += "[[hand.pose]]\n" + toml_document({"time_s": time_s, "pose": named})
         ends = f"'{start}' to '{end}'"
-        write(output, text, f"hand from {ends} in {duration_s:g} s")
+        out.write(output, text, f"hand from {ends} in {duration_s:g} s")
         return
     name, center_m = pose or "F", opt.scaled(center_mm, 1e3)
     angles = pose_of(name)
@@ -174,9 +165,9 @@ def hand_command(
         text = f"hand '{angles.name}'"
     else:
         mesh, text = surface.rigged(angles, name, center_m)
-    mesh = turned(mesh, turn_deg, center_m)
-    write(joints, indented(joints_record(mesh.joints_m)))
-    write(output, mesh, f"{text}, {len(mesh.faces)} faces")
+    mesh = out.turned(mesh, turn_deg, center_m)
+    out.write(joints, indented(out.joints_record(mesh.joints_m)))
+    out.write(output, mesh, f"{text}, {len(mesh.faces)} faces")
 
 
 def dataset_command(
@@ -215,40 +206,40 @@ def dataset_command(
     from clradar.dataset.runs import estimate, replay as make_again
 
     if schema:
-        print_text(json.dumps(cl.dataset.plan_schema(), indent=1))
+        console.text(json.dumps(cl.dataset.plan_schema(), indent=1))
         return
     if replay is not None:
         selector = open_devices(device).infos[0].selector
-        with progress_bar("making the sample"):
+        with console.bar("making the sample"):
             found = make_again(*replay, device=selector, rigs=rigs or "")
         index, shown = replay[1], f"in {replay[0] / found.stored_in}"
         if not found.differences:
-            print_line(f"sample {index}: the same bits as {shown}")
+            console.line(f"sample {index}: the same bits as {shown}")
         else:
             for line in found.made_otherwise:
-                print_warning(f"made otherwise then: {line}")
-            print_text("\n".join(found.differences))
-            count = counted(len(found.differences), "difference")
+                console.warning(f"made otherwise then: {line}")
+            console.text("\n".join(found.differences))
+            count = console.counted(len(found.differences), "difference")
             raise ClradarError(f"sample {index}: {count} to that {shown}")
         return
     if plan is None:
         raise opt.wrong_usage("PLAN.toml", "expected a plan, or --replay DIR N")
     wanted = read_plan(plan)
     if dry_run:
-        with progress_bar("making two samples"):
+        with console.bar("making two samples"):
             _, _, lines = estimate(wanted, device=open_devices(device).infos[0].selector)
-        print_text("\n".join(lines))
+        console.text("\n".join(lines))
         return
     if output is None:
         raise opt.wrong_usage("-o", "expected the folder of the data set, or --dry-run")
-    check_folder(output, resumed=True)
+    out.check_folder(output, resumed=True)
     where = processes.where(device)
-    with progress_bar("samples") as progress:
+    with console.bar("samples") as progress:
         result = cl.dataset.run(
             wanted, output, where=where, force=force, retry=retry, progress=progress
         )
     there = f"{result.samples - len(result.aside)} of {result.samples} samples"
-    print_line(f"{output}: {there}, {result.made} of them made now")
+    console.line(f"{output}: {there}, {result.made} of them made now")
     if result.aside:
-        count = counted(len(result.aside), "sample")
+        count = console.counted(len(result.aside), "sample")
         raise ClradarError(f"{output}: {count} set aside; --retry tries again")

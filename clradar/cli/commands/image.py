@@ -14,17 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 import clradar as cl
-from clradar.cli import options as opt, parse
-from clradar.cli.console import print_line, print_warning, progress_bar
-from clradar.cli.images import (
-    ImageInput,
-    form_image,
-    grid_for,
-    nothing_to_draw,
-    title_of,
-    volume_figure,
-)
-from clradar.cli.outputs import begun, provenance, write
+from clradar.cli import console, images as img, options as opt, outputs as out, parse
 from clradar.errors import MeasurementError
 from clradar.files.atomic import replacing
 from clradar.imaging.fast import GridPiece, grid_pieces
@@ -32,7 +22,7 @@ from clradar.imaging.several_captures import mean_over_pairs
 from clradar.jobs import KEY, Where
 from clradar.model import ImageScale
 from clradar.model.progress import Progress
-from clradar.model.volume import plane_slabs
+from clradar.model.volume import depth_map_of_planes, plane_slabs
 from clradar.plot.views import plane_index, thin_view
 
 # Names in the folder of a begun image.
@@ -57,6 +47,11 @@ class ImageFiles(opt.PictureOptions):
         without=opt.ITERATED,
         kept=False,
     )
+
+    def flat(self, grid: cl.VoxelGrid) -> bool:
+        """Whether the depth map of an image is enough."""
+        seen_from_front = (self.view or thin_view(grid)) == "xy" and self.slice is None
+        return seen_from_front and not (self.report or self.dbsm)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +98,7 @@ class ImageOptions(opt.GridOptions, opt.ImagingOptions):
 
 
 def capture_of(path: Path, frames: opt.FrameOptions) -> cl.Capture:
-    found = ImageInput.open(path, frames).content
+    found = img.open_image(path, frames)
     if isinstance(found, cl.Volume):
         raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {path}")
     return found
@@ -111,7 +106,7 @@ def capture_of(path: Path, frames: opt.FrameOptions) -> cl.Capture:
 
 @dataclass(frozen=True, kw_only=True)
 class PartSteps:
-    """How a part is made, as plain values that a worker process gets."""
+    """How a part is made, as plain values that a worker process gets; the whole by its planes."""
 
     folder: Path
     captures: tuple[Path, ...]
@@ -119,17 +114,16 @@ class PartSteps:
     frames: opt.FrameOptions
     grid: cl.VoxelGrid
     imaging: Mapping[str, Any]
-    device: cl.Device | str | None = None
 
     @cached_property
     def pieces(self) -> list[GridPiece]:
         return grid_pieces(self.grid)
 
-    def run(self, part: Part, progress: Progress | None = None) -> None:
+    def run(self, part: Part, device: cl.Device, progress: Progress) -> None:
         piece, number = part
         capture = capture_of(self.captures[number], self.frames)
         image = cl.backproject(
-            capture, self.pieces[piece].grid, check_grid=False, device=self.device,
+            capture, self.pieces[piece].grid, check_grid=False, device=device,
             progress=progress, **self.imaging,
         )  # fmt: skip
         _write(self.file_of(part), image.data)
@@ -162,28 +156,6 @@ class PartSteps:
             for path in parts:
                 path.unlink(missing_ok=True)
 
-
-def _write(path: Path, image: np.ndarray) -> None:
-    with replacing(path, force=True) as temporary, open(temporary, "xb") as file:
-        np.save(file, image)
-
-
-def _read(path: Path) -> np.ndarray:
-    return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
-
-
-@dataclass(frozen=True, kw_only=True)
-class PartedImage:
-    """An image whose planes are read from its pieces: `clradar.model.volume.Planes`."""
-
-    steps: PartSteps
-    meta: Mapping[str, Any]
-    scale: ImageScale | None
-
-    @property
-    def grid(self) -> cl.VoxelGrid:
-        return self.steps.grid
-
     @property
     def shape(self) -> tuple[int, int, int]:
         return self.grid.shape
@@ -192,21 +164,26 @@ class PartedImage:
         return self.shape[0]
 
     def __getitem__(self, planes: slice) -> np.ndarray:
+        """Planes of the whole, from its pieces: `clradar.model.volume.Planes`."""
         first, stop, _ = planes.indices(len(self))
         out = np.empty((stop - first, *self.shape[1:]), np.complex64)
-        for i, piece in enumerate(self.steps.pieces):
+        for i, piece in enumerate(self.pieces):
             low, high = max(first, piece.tile.z.start), min(stop, piece.tile.z.stop)
             if low < high:
                 inner = slice(low - piece.tile.z.start, high - piece.tile.z.start)
-                found = _read(self.steps.piece_file(i))[inner]
+                found = _read(self.piece_file(i))[inner]
                 out[low - first : high - first, piece.tile.y] = found
+        out.flags.writeable = False  # so that a volume takes it as it is
         return out
 
-    def volume(self) -> cl.Volume:
-        """The whole image, in memory."""
-        data = self[:]
-        data.flags.writeable = False
-        return cl.Volume(data, self.grid, self.meta, self.scale)
+
+def _write(path: Path, image: np.ndarray) -> None:
+    with replacing(path, force=True) as temporary, open(temporary, "xb") as file:
+        np.save(file, image)
+
+
+def _read(path: Path) -> np.ndarray:
+    return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
 
 
 def image_by_parts(
@@ -230,10 +207,11 @@ def image_by_parts(
     steps, alone = replace(steps, n_samples=tuple(sizes)), len(sizes) == 1
     weights = frequency_weights(how["window"], samples.waveform.n_freq)
     meta = {**image_meta(device=opened, **how), "capture": samples.meta if alone else metas}
-    scale = ImageScale(samples.array, samples.waveform, weights) if samples.absolute else None
-    image = PartedImage(steps=steps, meta=meta, scale=scale if alone else None)
+    scale = None
+    if alone and samples.absolute:
+        scale = ImageScale(samples.array, samples.waveform, weights)
     text = opt.grid_text(grid)
-    job = begun(
+    job = out.begun(
         folder, "image", (KEY, PARTS, WHOLE), f"{PARTS}/*.npy", origin_m=grid.origin_m.tolist(),
         spacing_m=grid.spacing_m.tolist(), counts=list(grid.counts), device=opened.describe(),
     )  # fmt: skip
@@ -243,24 +221,30 @@ def image_by_parts(
         for piece in pieces:
             steps.join(piece)
         items = [(piece, number) for piece in pieces for number in range(len(sizes))]
-        with progress_bar("imaging") as progress:
+        with console.bar("imaging") as progress:
             for (piece, _), _ in job.each(
-                steps, items, where, done=steps.is_done, progress=progress, say=print_line,
+                steps.run, items, where, done=steps.is_done, progress=progress, say=console.line,
                 noun="part",
             ):  # fmt: skip
                 steps.join(piece)
-        warn_of_grid(samples if alone else kept, grid, image, weights, opened)
+        warn_of_grid(samples if alone else kept, grid, steps, weights, opened)
         whole = folder / WHOLE
         if output is not None:
-            known = {**meta, **provenance(grid=text)}
-            save_planes(whole, image, grid, known, image.scale, force=True)
-        draw(files, image, steps.captures, range_db, grid=text)
+            known = {**meta, **out.provenance(grid=text)}
+            save_planes(whole, steps, grid, known, scale, force=True)
+        if files.png or files.report:
+            image: cl.DepthMap | cl.Volume
+            if files.flat(grid):
+                image = depth_map_of_planes(steps, grid, range_db)  # without it in memory
+            else:
+                image = cl.Volume(steps[:], grid, meta, scale)
+            draw(files, image, meta, steps.captures, range_db, grid=text)
         job.clear([PARTS])  # killed from here on, the same command makes them again
         if output is not None:
             with replacing(output, force=opt.call.force) as temporary:
                 os.replace(whole, temporary)
             took = f"{perf_counter() - start_s:.1f} s on {opened.info.label}"
-            print_line(f"{output}: {text}, {took}")
+            console.line(f"{output}: {text}, {took}")
         job.clear([KEY])
     with suppress(OSError):  # it is gone, or holds something else
         folder.rmdir()
@@ -268,38 +252,29 @@ def image_by_parts(
 
 def draw(
     files: ImageFiles,
-    image: cl.Volume | PartedImage,
+    image: cl.Volume | cl.DepthMap,
+    meta: Mapping[str, Any],
     captures: Sequence[Path],
     range_db: float,
     **more: Any,
 ) -> None:
     """Write figure and page, as far as they were asked for."""
-    from clradar.model.volume import depth_map_of_planes
-
     if files.png is None and files.report is None:
         return
     first, *others = captures
-    title = f"{first.name} and {len(others)} more" if others else title_of(first, image.meta)
+    title = f"{first.name} and {len(others)} more" if others else img.title_of(first, meta)
     shown: dict[str, Any] = {"dynamic_range_db": range_db, "view": files.view, "dbsm": files.dbsm}
-    flat = (files.view or thin_view(image.grid)) == "xy" and files.slice is None
-    volume: cl.Volume | cl.DepthMap
-    if isinstance(image, cl.Volume):
-        volume = image
-    elif flat and not (files.report or files.dbsm):
-        volume = depth_map_of_planes(image, image.grid, range_db)  # without it in memory
-    else:
-        volume = image.volume()
-    if (reason := nothing_to_draw(volume)) is not None:
+    if (reason := img.nothing_to_draw(image)) is not None:
         for path in (files.png, files.report):
             if path is not None:
-                print_warning(f"{path}: not drawn, since the image is {reason}")
+                console.warning(f"{path}: not drawn, since the image is {reason}")
         return
-    figure = partial(volume_figure, volume, title, files.slice, **shown)
-    write(files.png, figure, f"the picture, {range_db:g} dB")
-    if isinstance(volume, cl.Volume):
-        of, origin = cl.report.ReportImage(title, volume, str(captures[0])), provenance(**more)
+    figure = partial(img.volume_figure, image, title, files.slice, **shown)
+    out.write(files.png, figure, f"the picture, {range_db:g} dB")
+    if isinstance(image, cl.Volume):
+        of, origin = cl.report.ReportImage(title, image, str(captures[0])), out.provenance(**more)
         page = partial(cl.report.image_report, of, settings=origin, **shown)
-        write(files.report, page, "the image as a page, to be opened in a browser")
+        out.write(files.report, page, "the image as a page, to be opened in a browser")
 
 
 STOPPED = {
@@ -333,7 +308,7 @@ def image_command(
     if not to_write:
         raise opt.wrong_usage("-o", "expected a volume to write, or --png, or --report; got none")
     folder = to_write[0].with_name(f"{to_write[0].name}.parts")
-    content, range_db = ImageInput.open(captures[0], frames).content, depth.dynamic_range_db
+    content, range_db = img.open_image(captures[0], frames), depth.dynamic_range_db
     several, volume = len(captures) > 1, isinstance(content, cl.Volume)
     if several and volume:
         raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {captures[0]}")
@@ -350,12 +325,12 @@ def image_command(
     for name in {**opt.given(imaging), **chosen} if volume else {}:
         raise opt.wrong_usage(name, "the input is a volume, which is an image already")
     if isinstance(content, cl.Volume):
-        draw(files, content, captures, range_db)
+        draw(files, content, content.meta, captures, range_db)
         return
     if imaging.absolute:
         content = replace(content, meta={**content.meta, "absolute": True})
     where = processes.where(device)
-    grid = grid_for(content, imaging, where.first, everything=imaging.everything)
+    grid = img.grid_for(content, imaging, where.first, everything=imaging.everything)
     if files.slice is not None and (place_m := files.slice[1]) is not None:
         plane_index(grid, files.slice[0], place_m)  # raises where there is none
     steps = PartSteps(
@@ -366,12 +341,12 @@ def image_command(
         image_by_parts(steps, content, files, where, range_db)
         return
     start_s, text = perf_counter(), opt.grid_text(grid)
-    volume = form_image(content, grid, imaging, where.first)
+    volume = img.form_image(content, grid, imaging, where.first)
     took = f"{perf_counter() - start_s:.1f} s on {where.first.info.label}"
-    write(files.output, volume, f"{text}, {took}", grid=text)
+    out.write(files.output, volume, f"{text}, {took}", grid=text)
     if imaging.iterated:
         left_db, count = volume.meta["residual_db"], volume.meta["iterations"]
         left = "nothing" if left_db is None else f"{left_db:.1f} dB of the samples"
         reason = STOPPED[volume.meta["stopped"]]
-        print_line(f"{imaging.method}: {count} iterations, {reason}; left: {left}")
-    draw(files, volume, captures, range_db, grid=text)
+        console.line(f"{imaging.method}: {count} iterations, {reason}; left: {left}")
+    draw(files, volume, volume.meta, captures, range_db, grid=text)

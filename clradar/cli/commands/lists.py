@@ -12,9 +12,7 @@ import numpy as np
 import typer
 
 import clradar as cl
-from clradar.cli import options as opt, parse
-from clradar.cli.console import print_line, print_table, print_text, print_warning, progress_bar
-from clradar.cli.outputs import write
+from clradar.cli import console, options as opt, outputs as out, parse
 from clradar.errors import DeviceError
 from clradar.files.json_file import indented
 from clradar.model.known_materials import KNOWN
@@ -44,7 +42,7 @@ def devices_command() -> None:
         )
         for info in devices
     ]  # fmt: skip
-    print_table(DEVICE_COLUMNS, rows, right=("memory", "units"))
+    console.table(DEVICE_COLUMNS, rows, right=("memory", "units"))
     for info in devices:
         text = faults[info.selector]
         if text is None and info.target:
@@ -53,7 +51,7 @@ def devices_command() -> None:
                 "(docs/install.md)"
             )
         if text is not None:
-            print_line(f"{info.selector} {info.label}: {text}")
+            console.line(f"{info.selector} {info.label}: {text}")
     if failure is not None:
         raise failure
     for info in chosen:
@@ -62,7 +60,7 @@ def devices_command() -> None:
                 f"a device that would be used, {info.selector} {info.label}, does not work; choose "
                 f"another with CLRADAR_DEVICE=..., or {INSTALL_HINT}"
             )
-    print_line(f"used: {', '.join(f'{info.selector} {info.label}' for info in chosen)}")
+    console.line(f"used: {', '.join(f'{info.selector} {info.label}' for info in chosen)}")
 
 
 COLUMNS = ("name", "permittivity", "coat mm", "power dB", "phase", "h mm", "l mm", "h_micro mm")
@@ -89,15 +87,15 @@ def materials_command(
     found = [own for file in files for own in cl.read_materials(file).values()]
     records = [_figures(own, frequencies_hz) for own in found or KNOWN.values()]
     if as_json:
-        print_text(indented(records))
+        console.text(indented(records))
         return
     rows = [_row(record) for record in records]
     shown = len(COLUMNS) if any(row[-1] for row in rows) else len(COLUMNS) - 1
-    print_table(COLUMNS[:shown], [row[:shown] for row in rows], right=COLUMNS[2:])
+    console.table(COLUMNS[:shown], [row[:shown] for row in rows], right=COLUMNS[2:])
     band = f"{first_ghz:g} to {last_ghz:g} GHz"
-    print_line(f"at normal incidence, {band}, phase in degrees; sources:")
+    console.line(f"at normal incidence, {band}, phase in degrees; sources:")
     for own in (record["material"] for record in records):
-        print_line(f"{own['name']}: {own.get('source', 'not stated')}")
+        console.line(f"{own['name']}: {own.get('source', 'not stated')}")
 
 
 def _figures(material: cl.Material, frequencies_hz: np.ndarray) -> dict[str, Any]:
@@ -158,7 +156,7 @@ def array_command(
 
     clusters, waveform = radar.clusters(), radar.waveform()
     name = clusters[0].name.partition(", cluster ")[0]
-    with progress_bar("searching lobes"):
+    with console.bar("searching lobes"):
         found = cl.arrays.array_figures(
             clusters, waveform, opt.scaled(at_mm, 1e3), within_deg=within_deg
         )
@@ -166,29 +164,29 @@ def array_command(
     at = ",".join(f"{v:g}" for v in at_mm)
     title = f"{name}, {first_ghz:g} to {last_ghz:g} GHz, focused on {at} mm"
     figure = partial(cl.plot.array_figure, clusters, waveform, found, title)
-    write(output, figure, "" if as_json else "elements, virtual aperture, response")
+    out.write(output, figure, "" if as_json else "elements, virtual aperture, response")
     if as_json:
         keys = ("focus_m", "widths_m", "range_cell_m", "unambiguous_range_m", "within_deg")
         record = plain({key: getattr(found, key) for key in (*keys, "lobes")})
-        print_text(indented({"array": name, "clusters": len(clusters), **record}))
+        console.text(indented({"array": name, "clusters": len(clusters), **record}))
         return
     widths = ", ".join(f"{a} {_mm(w)}" for a, w in zip("xyz", found.widths_m, strict=True))
     several = f"{len(clusters)} clusters of " if len(clusters) > 1 else ""
     antennas = f"{several}{clusters[0].n_tx} Tx, {clusters[0].n_rx} Rx"
-    print_line(f"{name}: {antennas}, focused on {at.replace(',', ', ')} mm")
-    print_line(f"widths at -3 dB: {widths}; resolution in range c/2B {_mm(found.range_cell_m)}")
-    print_line(f"unambiguous range c/2df: {_mm(found.unambiguous_range_m)}")
+    console.line(f"{name}: {antennas}, focused on {at.replace(',', ', ')} mm")
+    console.line(f"widths at -3 dB: {widths}; resolution in range c/2B {_mm(found.range_cell_m)}")
+    console.line(f"unambiguous range c/2df: {_mm(found.unambiguous_range_m)}")
     within = f" within {found.within_deg:g}°" if found.within_deg < 90 else ""
-    print_line(("lobes" if found.lobes else f"no other lobe above {LEVEL_DB:g} dB") + within)
+    console.line(("lobes" if found.lobes else f"no other lobe above {LEVEL_DB:g} dB") + within)
     rows = []
     for number, lobe in enumerate(found.lobes, start=1):
         angles = [f"{round(a, 1) + 0.0:.1f}" for a in (lobe.azimuth_deg, lobe.elevation_deg)]
         level, kind = f"{lobe.level_db:.1f}", "grating lobe" if lobe.grating else ""
         rows.append([str(number), *angles, level, kind])
     if rows:
-        print_table(LOBE_COLUMNS, rows, right=LOBE_COLUMNS[:4])
+        console.table(LOBE_COLUMNS, rows, right=LOBE_COLUMNS[:4])
     if any(lobe.grating for lobe in found.lobes):
-        print_warning(f"{name}: echoes from the directions of grating lobes look like the focus")
+        console.warning(f"{name}: echoes from the directions of grating lobes look like the focus")
 
 
 def _mm(length_m: float) -> str:

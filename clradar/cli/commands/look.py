@@ -11,24 +11,7 @@ import typer
 
 import clradar as cl
 import measurement_io
-from clradar.cli import options as opt, parse
-from clradar.cli.console import (
-    counted,
-    print_error,
-    print_line,
-    print_text,
-    print_warning,
-    progress_bar,
-)
-from clradar.cli.images import (
-    Comparison,
-    ImageInput,
-    common_grid,
-    figure_labels,
-    figure_of,
-    recording_title,
-)
-from clradar.cli.outputs import provenance, write
+from clradar.cli import console, images as img, options as opt, outputs as out, parse
 from clradar.errors import MeasurementError
 from clradar.jobs import open_devices
 
@@ -60,13 +43,13 @@ def inspect_command(
             "own picture is contact-sheet.png"
         )
     if check:
-        with progress_bar("checking") as progress:
+        with console.bar("checking") as progress:
             verify = check_dataset if dataset else measurement_io.check_file
             report = verify(file, progress=progress)
         record = {**asdict(report), "ok": report.ok}
-        print_text(json.dumps(record, indent=2) if as_json else str(report))
+        console.text(json.dumps(record, indent=2) if as_json else str(report))
         if not report.ok:
-            print_error(f"{file}: {counted(len(report.problems), 'problem')} found")
+            console.error(f"{file}: {console.counted(len(report.problems), 'problem')} found")
             raise typer.Exit(1)
         return
     try:
@@ -77,10 +60,10 @@ def inspect_command(
         raise MeasurementError(
             f"{error}; nor is it a data set, which has manifest.json and shards"
         ) from error
-    print_text(json.dumps(found.to_dict(), indent=2, allow_nan=False) if as_json else str(found))
+    console.text(json.dumps(found.to_dict(), indent=2, allow_nan=False) if as_json else str(found))
     if png is not None:
-        figure = figure_of(file, view=picture.view, plane=picture.slice)
-        write(None if figure is None else png, figure, "the picture")
+        figure = img.figure_of(file, view=picture.view, plane=picture.slice)
+        out.write(None if figure is None else png, figure, "the picture")
 
 
 def view_command(
@@ -135,10 +118,10 @@ def view_command(
     wish = Wish(dynamic_range_db=depth.dynamic_range_db)
     view = View(source=source, wish=wish, beside=second, mesh=scene, device=opened)
     if html is None:
-        serve(view, port, print_line)
+        serve(view, port, console.line)
         return
-    count = write_page(view, html, force=opt.call.force, warn=print_warning)
-    print_line(f"{html}: {counted(count, 'frame')}, for any browser")
+    count = write_page(view, html, force=opt.call.force, warn=console.warning)
+    console.line(f"{html}: {console.counted(count, 'frame')}, for any browser")
 
 
 def compare_command(
@@ -162,30 +145,30 @@ def compare_command(
     """Captures are imaged first: on the grid of the options, else that of the first volume, else
     around the echoes of MEASURED, whose --frame and --variant are. Metrics: docs/metrics.md.
     """
-    images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
-    imaged = all(image.grid is not None for image in images)
+    images = [img.open_image(measured, frames), *map(img.open_image, simulated)]
+    imaged = all(isinstance(image, cl.Volume) for image in images)
     opened = None if imaged else open_devices(device).first
-    grid = common_grid(voxels, *images, device=opened)
-    volumes = [image.volume(grid, imaging, opened) for image in images]
-    labels = figure_labels(simulated, [volume.meta for volume in volumes[1:]])
+    grid = img.common_grid(voxels, *images, device=opened)
+    volumes = [img.form_image(image, grid, imaging, opened) for image in images]
+    labels = img.figure_labels(simulated, [volume.meta for volume in volumes[1:]])
     if measured.is_dir() and frames.frame is None and any(path.is_dir() for path in simulated):
-        print_line("the first frames are compared; `clradar process` compares every one")
-    compared = Comparison.of(volumes, labels, depth.dynamic_range_db)
+        console.line("the first frames are compared; `clradar process` compares every one")
+    compared = img.Comparison(volumes, labels, depth.dynamic_range_db)
     compared.print()
-    recording = recording_title(volumes[0].meta)
+    recording = img.recording_title(volumes[0].meta)
     label = f"Measurement: {recording}" if recording else "Measurement"
     figure = partial(compared.figure, differences=True, measured_label=label)
-    write(output, figure, f"the measurement and {len(simulated)} simulated")
+    out.write(output, figure, f"the measurement and {len(simulated)} simulated")
     text = opt.grid_text(grid)
     record = {"measured": str(measured), "simulated": compared.records(simulated)}
-    write(json, record, "the metrics, in metres", grid=text)
+    out.write(json, record, "the metrics, in metres", grid=text)
 
     def page() -> str:
         named = zip((label, *labels), volumes, (measured, *simulated), strict=True)
         shown = [cl.report.ReportImage(name, volume, str(path)) for name, volume, path in named]
         return cl.report.html_report(
-            shown[0], shown[1:], metrics=compared.metrics, settings=provenance(grid=text),
+            shown[0], shown[1:], metrics=compared.metrics, settings=out.provenance(grid=text),
             dynamic_range_db=depth.dynamic_range_db,
         )  # fmt: skip
 
-    write(report, page, "the comparison as a page, to be opened in a browser")
+    out.write(report, page, "the comparison as a page, to be opened in a browser")

@@ -12,8 +12,7 @@ import numpy as np
 
 import calibration
 import clradar as cl
-from clradar.cli import options as opt
-from clradar.cli.console import counted, print_line, print_table, print_warning, progress_bar
+from clradar.cli import console, images as img, options as opt, outputs as out
 from clradar.cli.frames import (
     CAPTURES,
     MAPS,
@@ -25,8 +24,6 @@ from clradar.cli.frames import (
     listed,
     record_file,
 )
-from clradar.cli.images import ReadOnAccess, figure_labels, grid_for, write_csv
-from clradar.cli.outputs import begun, check_folder, provenance, save, write
 from clradar.cli.parse import chosen_frames
 from clradar.compare.images import depth_map_of
 from clradar.compare.metrics import METRIC_TABLE
@@ -35,7 +32,7 @@ from clradar.errors import ClusterError, CompareError, DeviceError, MeasurementE
 from clradar.files.atomic import write_file
 from clradar.files.failures import fail
 from clradar.files.json_file import read_json_object, write_json
-from clradar.jobs import KEY, FolderStore, Job, Where, open_devices, remove
+from clradar.jobs import KEY, FolderStore, remove
 from clradar.model.progress import Progress
 
 # Names in the folder.
@@ -46,8 +43,6 @@ GRID = "grid"  # among the maps
 HANDS, WORK = "hand", "work"  # the fit of a hand, with records as of all frames; resumes by WORK
 MOVEMENT, SHEET = "movement.png", "contact-sheet.png"
 TRACK, NUMBERS = "track", "numbers"  # in WORK: what is remembered after the last frame; all frames
-
-SHEET_PIXEL_M = 2e-3
 
 OWN_NAMES = (
     RESULT, KEY, EMPTY, TABLE, FIGURE, MOVIE,
@@ -64,172 +59,126 @@ MISSED = (DeviceError, OutputError, ClusterError)
 Record = Mapping[str, Any]
 
 
-@dataclass(slots=True, kw_only=True)
-class RecordingWork:
-    """A recording, and what is done with its frames."""
-
-    source: Frames
-    steps: FrameSteps  # without what is placed or averaged once the folder is begun
-    voxels: opt.GridOptions
-    numbers: Sequence[int]
-    labels: Sequence[str]
-    where: Where
-    hand: Mapping[str, Any] | None  # settings of `calibration.fit_hands`
-
-    def run(self, job: Job) -> None:
-        """Do the frames that are not done yet, and what is made of all; say what is there."""
-        folder = self.steps.folder
-        with job.held():
-            finished = (folder / RESULT).is_file()  # it goes before any frame is done
-            if not finished or len(self._done()) < len(self.numbers):
-                job.clear([RESULT])
-                self._prepare()
-                with progress_bar("frames") as progress:
-                    for _ in job.each(
-                        self.steps, self.numbers, self.where,
-                        done=lambda number: record_file(folder, number).is_file(),
-                        name=lambda number: f"frame {number}: ",
-                        tolerated=lambda error: not isinstance(error, MISSED),
-                        progress=progress, say=print_line, noun="frame",
-                    ):  # fmt: skip
-                        pass
-                if not self._done():
-                    raise MeasurementError(f"{self.source.path}: no frame could be processed")
-            records = [read_json_object(record_file(folder, number)) for number in self._done()]
-            if not (folder / RESULT).is_file():
-                fits = None if self.hand is None else self._hands(records)
-                self._write(records, fits)
-            job.clear([f"{HANDS}/{WORK}"])
-        texts = {
-            TABLE: counted(len(records), "frame"), FIGURE: "the same over time",
-            RESULT: "the same with all metrics, and how they were made",
-            MOVIE: "the animation; its pictures are in pictures/",
-        }  # fmt: skip
-        for path in (folder / name for name in texts if (folder / name).is_file()):
-            print_line(f"{path}: {texts[path.name]}")
-        if missing := len(self.numbers) - len(records):
-            raise MeasurementError(
-                f"{self.source.path}: {missing} of {len(self.numbers)} frames could not be "
-                f"processed; {folder} has the others"
-            )
-
-    def _done(self) -> list[int]:
-        return [n for n in self.numbers if record_file(self.steps.folder, n).is_file()]
-
-    def _prepare(self) -> None:
-        """Complete the steps with what all frames need: the mean of the empty room, the grid."""
-        steps, folder = self.steps, self.steps.folder
-        kept = [CAPTURES] * steps.how.keep_captures + [VOLUMES] * steps.how.keep_volumes
-        for name in (RECORDS, MAPS, *kept):
-            (folder / name).mkdir(exist_ok=True)
-        if steps.how.empty is not None and steps.how.empty.is_dir():
-            mean = folder / EMPTY
-            if not mean.is_file():
-                room = Frames(steps.how.empty)
-                with progress_bar("averaging"):
-                    frames = map(room.capture, room.files)
-                    save(mean, calibration.average_frames(frames), steps.origin)
-            steps = replace(steps, how=replace(steps.how, empty=mean))
-        store = FolderStore(folder / MAPS)
-        if GRID not in store:  # kept: another first frame may be readable when the run is resumed
-            grid = self.voxels.grid() if opt.given(self.voxels) else self._placed(steps)
-            arrays = {"origin_m": grid.origin_m, "spacing_m": grid.spacing_m}
-            store[GRID] = {**arrays, "counts": np.array(grid.counts)}
-        known = store[GRID]
-        grid = cl.VoxelGrid(known["origin_m"], known["spacing_m"], known["counts"].tolist())
-        self.steps = replace(steps, grid=grid)
-
-    def _placed(self, steps: FrameSteps) -> cl.VoxelGrid:
-        """The grid by the first frame that can be read."""
-        failures = []
-        for number in self.numbers:
-            try:
-                capture, _ = steps.cleaned(number)
-            except MeasurementError as error:
-                failures.append(error)  # which is said when its turn comes
-                continue
-            return grid_for(capture, self.voxels, steps.device)
-        raise failures[0]
-
-    def _hands(self, records: Sequence[Record]) -> list[calibration.FrameFit] | None:
-        """The hands of the frames, each fitted from the one before, here; None if impossible."""
-        from calibration.hand_fit.frame_fit import FOLLOWED
-
-        numbers = [int(one["frame"]) for one in records]
-        images = KeptImages(
-            numbers, lambda number: self.steps.map_of(f"{number:06d}-hand"),
-            [one["time_us"] for one in records],
-        )  # fmt: skip
-        first = self.source.capture(numbers[0])
-        settings = {
-            **(self.hand or {}), "array": first.array, "waveform": first.waveform,
-            "device": self.steps.device or open_devices(self.where.device).first,
-        }  # fmt: skip
-        del first
-        folder = self.steps.folder / HANDS
-        with progress_bar("fitting the hand") as progress:
-            try:
-                fits = fit_frames(folder, images, settings, progress)
-            except CompareError as error:
-                print_warning(f"{HANDS}: {error}")
-                return None
-        rows = [
-            [str(fit.frame), f"{fit.time_s:.3f}", fit.how, "; ".join(fit.notes)]
-            for fit in fits
-            if fit.how != FOLLOWED or fit.notes
-        ]
-        print_table(("frame", "time (s)", "how", "why"), rows, right=("frame", "time (s)"))
-        followed = sum(fit.how == FOLLOWED for fit in fits)
-        lost = sum(fit.state is None for fit in fits)
-        words = f"{len(fits)} frames, {followed} followed, {len(fits) - followed - lost} searched"
-        print_line(f"{folder}: {words}" + (f", {lost} without a hand" if lost else ""))
-        draw_movement(folder, images, fits, self.source.path.name)
-        return fits
-
-    def _write(
-        self, records: Sequence[dict[str, Any]], fits: Sequence[calibration.FrameFit] | None
-    ) -> None:
-        """Write what is made of all frames, and last the file that marks it as finished."""
-        from clradar.plot.captures import FramePictures, curves_figure, write_gif
-
-        folder = self.steps.folder
-        remove(folder, [TABLE, FIGURE, MOVIE, PICTURES])  # there may have been more frames
-        columns = table(records, self.labels[1:])
-        if fits is not None:
-            columns |= hand_columns(fits)
-            for one in records:
-                one["hand"] = read_json_object(record_file(folder / HANDS, one["frame"]))
-        cells = (["" if np.isnan(v) else f"{v:.10g}" for v in row] for row in columns.values())
-        write_csv(folder / TABLE, list(columns), zip(*cells, strict=True))
-        timed = bool(np.isfinite(columns["time s"]).all())
-        time = columns["time s" if timed else "frame"]
-        title = f"{self.labels[0]}, {counted(len(records), 'frame')}"
-        if panels := curves(columns):
-            figure = curves_figure(time, panels, "time (s)" if timed else "frame", title)
-            write(folder / FIGURE, figure, force=True)
-        shown = [one["frame"] for one in records if one["peak_db"] is not None]
-        if shown:
-            images = (self.steps.map_of(f"{number:06d}") for number in shown)
-            pictures = FramePictures(images, self.steps.how.dynamic_range_db)
-            (folder / PICTURES).mkdir(exist_ok=True)
-            files = []
-            with progress_bar("drawing") as progress:
-                for i, one in enumerate(records):
-                    number = one["frame"]
-                    image = self.steps.map_of(f"{number:06d}") if number in shown else None
-                    when = f", {columns['time s'][i]:.3f} s" if timed else ""
-                    files.append(folder / PICTURES / f"{i:06d}.png")
-                    picture = pictures.png(image, f"{self.labels[0]}, frame {number}{when}")
-                    write_file(files[-1], picture, force=True)
-                    if progress is not None:
-                        progress(i + 1, len(records))
-                step_s = float(np.median(np.diff(time))) if timed and len(time) > 1 else 0.0
-                write_gif(folder / MOVIE, files, step_s if step_s > 0 else DEFAULT_STEP_S)
-        record = {"recording": str(self.source.path), "frames": records}
-        write(folder / RESULT, record, force=True)
+def prepared(
+    steps: FrameSteps, numbers: Sequence[int], voxels: opt.GridOptions, device: cl.Device
+) -> FrameSteps:
+    """The steps with what all frames need: the mean of the empty room, the grid."""
+    folder = steps.folder
+    kept = [CAPTURES] * steps.how.keep_captures + [VOLUMES] * steps.how.keep_volumes
+    for name in (RECORDS, MAPS, *kept):
+        (folder / name).mkdir(exist_ok=True)
+    if steps.how.empty is not None and steps.how.empty.is_dir():
+        mean = folder / EMPTY
+        if not mean.is_file():
+            room = Frames(steps.how.empty)
+            with console.bar("averaging"):
+                frames = map(room.capture, room.files)
+                out.save(mean, calibration.average_frames(frames), steps.origin)
+        steps = replace(steps, how=replace(steps.how, empty=mean))
+    store = FolderStore(folder / MAPS)
+    if GRID not in store:  # kept: another first frame may be readable when the run is resumed
+        grid = voxels.grid() if opt.given(voxels) else _placed(steps, numbers, voxels, device)
+        arrays = {"origin_m": grid.origin_m, "spacing_m": grid.spacing_m}
+        store[GRID] = {**arrays, "counts": np.array(grid.counts)}
+    known = store[GRID]
+    grid = cl.VoxelGrid(known["origin_m"], known["spacing_m"], known["counts"].tolist())
+    return replace(steps, grid=grid)
 
 
-LEVELS = {"peak dB": "peak_db", "recorded RMS dB": "recorded_db", "cleaned RMS dB": "cleaned_db"}
+def _placed(
+    steps: FrameSteps, numbers: Sequence[int], voxels: opt.GridOptions, device: cl.Device
+) -> cl.VoxelGrid:
+    """The grid by the first frame that can be read."""
+    failures = []
+    for number in numbers:
+        try:
+            capture, _ = steps.cleaned(number)
+        except MeasurementError as error:
+            failures.append(error)  # which is said when its turn comes
+            continue
+        return img.grid_for(capture, voxels, device)
+    raise failures[0]
+
+
+def hands_of(
+    steps: FrameSteps, source: Frames, records: Sequence[Record], **settings: Any
+) -> list[calibration.FrameFit] | None:
+    """The hands of the frames, each fitted from the one before, here; None if impossible."""
+    from calibration.hand_fit.frame_fit import FOLLOWED
+
+    numbers = [int(one["frame"]) for one in records]
+    images = KeptImages(
+        numbers, lambda number: steps.map_of(f"{number:06d}-hand"),
+        [one["time_us"] for one in records],
+    )  # fmt: skip
+    first = source.capture(numbers[0])
+    settings |= {"array": first.array, "waveform": first.waveform}
+    del first
+    folder = steps.folder / HANDS
+    with console.bar("fitting the hand") as progress:
+        try:
+            fits = fit_frames(folder, images, settings, progress)
+        except CompareError as error:
+            console.warning(f"{HANDS}: {error}")
+            return None
+    rows = [
+        [str(fit.frame), f"{fit.time_s:.3f}", fit.how, "; ".join(fit.notes)]
+        for fit in fits
+        if fit.how != FOLLOWED or fit.notes
+    ]
+    console.table(("frame", "time (s)", "how", "why"), rows, right=("frame", "time (s)"))
+    followed = sum(fit.how == FOLLOWED for fit in fits)
+    lost = sum(fit.state is None for fit in fits)
+    words = f"{len(fits)} frames, {followed} followed, {len(fits) - followed - lost} searched"
+    console.line(f"{folder}: {words}" + (f", {lost} without a hand" if lost else ""))
+    draw_movement(folder, images, fits, source.path.name)
+    return fits
+
+
+def write_results(
+    steps: FrameSteps,
+    labels: Sequence[str],
+    records: Sequence[dict[str, Any]],
+    fits: Sequence[calibration.FrameFit] | None,
+) -> None:
+    """Write what is made of all frames, and last the file that marks it as finished."""
+    from clradar.plot.captures import FramePictures, curves_figure, write_gif
+
+    folder = steps.folder
+    remove(folder, [TABLE, FIGURE, MOVIE, PICTURES])  # there may have been more frames
+    columns = table(records, labels[1:])
+    if fits is not None:
+        columns |= hand_columns(fits)
+        for one in records:
+            one["hand"] = read_json_object(record_file(folder / HANDS, one["frame"]))
+    cells = (["" if np.isnan(v) else f"{v:.10g}" for v in row] for row in columns.values())
+    img.write_csv(folder / TABLE, list(columns), zip(*cells, strict=True))
+    timed = bool(np.isfinite(columns["time s"]).all())
+    time = columns["time s" if timed else "frame"]
+    title = f"{labels[0]}, {console.counted(len(records), 'frame')}"
+    if panels := curves(columns):
+        figure = curves_figure(time, panels, "time (s)" if timed else "frame", title)
+        out.write(folder / FIGURE, figure, force=True)
+    shown = [one["frame"] for one in records if one["peak_db"] is not None]
+    if shown:
+        images = (steps.map_of(f"{number:06d}") for number in shown)
+        pictures = FramePictures(images, steps.how.dynamic_range_db)
+        (folder / PICTURES).mkdir(exist_ok=True)
+        files = []
+        with console.bar("drawing") as progress:
+            for i, one in enumerate(records):
+                number = one["frame"]
+                image = steps.map_of(f"{number:06d}") if number in shown else None
+                when = f", {columns['time s'][i]:.3f} s" if timed else ""
+                files.append(folder / PICTURES / f"{i:06d}.png")
+                picture = pictures.png(image, f"{labels[0]}, frame {number}{when}")
+                write_file(files[-1], picture, force=True)
+                if progress is not None:
+                    progress(i + 1, len(records))
+            step_s = float(np.median(np.diff(time))) if timed and len(time) > 1 else 0.0
+            write_gif(folder / MOVIE, files, step_s if step_s > 0 else DEFAULT_STEP_S)
+    record = {"recording": str(steps.source), "frames": records}
+    out.write(folder / RESULT, record, force=True)
 
 
 def table(records: Sequence[Record], labels: Sequence[str]) -> dict[str, np.ndarray]:
@@ -243,7 +192,8 @@ def table(records: Sequence[Record], labels: Sequence[str]) -> dict[str, np.ndar
 
 def _row(record: Record, labels: Sequence[str]) -> dict[str, float | None]:
     row = {"frame": record["frame"], "time s": record["time_us"]}
-    row |= {name: record[key] for name, key in LEVELS.items()}
+    for name in ("peak", "recorded RMS", "cleaned RMS"):
+        row[f"{name} dB"] = record[f"{name.removesuffix(' RMS')}_db"]
     for what in ("peak", "centre"):
         for axis, place_m in zip("xyz", record[f"{what}_m"] or 3 * [np.nan], strict=True):
             row[f"{what} {axis} mm"] = 1e3 * place_m
@@ -297,7 +247,7 @@ def curves(columns: Mapping[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, slots=True)
-class KeptImages(ReadOnAccess):
+class KeptImages(img.ReadOnAccess):
     """Depth maps of frames, and their time stamps, which depth maps do not have."""
 
     times_us: Sequence[float | None]
@@ -349,20 +299,18 @@ def draw_movement(
 
     shown = shown_frames(len(fits))
     pictures = [_picture(images[i]) for i in shown]
-    write(folder / SHEET, movement_sheet([fits[i] for i in shown], pictures), force=True)
+    out.write(folder / SHEET, movement_sheet([fits[i] for i in shown], pictures), force=True)
     title = f"{name}: angles and tips, with one standard deviation"
-    write(folder / MOVEMENT, movement_figure(fits, title), force=True)
+    out.write(folder / MOVEMENT, movement_figure(fits, title), force=True)
 
 
 def _picture(image: cl.DepthMap) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """A thin picture of a frame's maxima, if there is anything above zero."""
+    """A picture of a frame's maxima, if there is anything above zero."""
     try:
         seen = depth_map_of(image, DYNAMIC_RANGE_DB, "image")
     except CompareError:
         return None
-    thin = slice(None, None, max(1, round(SHEET_PIXEL_M / float(seen.x_m[1] - seen.x_m[0]))))
-    amplitude = seen.amplitude[thin, thin] / seen.amplitude.max()
-    return amplitude.astype(np.float32), seen.x_m[thin], seen.y_m[thin]
+    return seen.amplitude / seen.amplitude.max(), seen.x_m, seen.y_m
 
 
 def hand_columns(fits: Sequence[calibration.FrameFit]) -> dict[str, np.ndarray]:
@@ -411,7 +359,7 @@ def process_command(
     every frame and an animation.
     """
     others = tuple(simulated or ())
-    check_folder(output, OWN_NAMES, resumed=True)
+    out.check_folder(output, OWN_NAMES, resumed=True)
     source = Frames(recording, how.variant)
     if not source.files:
         raise opt.wrong_usage("RECORDING", "expected a radar folder, or a folder of captures (.h5)")
@@ -428,16 +376,51 @@ def process_command(
         read["--empty"] = Frames(how.empty).files_of()
     steps = FrameSteps(
         source=recording, run_name=token_hex(), folder=output, how=how, simulated=others,
-        grid=voxels.grid(), origin=provenance(), device=where.first if where.here else None,
+        grid=voxels.grid(), origin=out.provenance(),
     )  # fmt: skip
-    labels = [recording.name or str(recording), *figure_labels(others, [{} for _ in others])]
-    job = begun(
+    labels = [recording.name or str(recording), *img.figure_labels(others, [{} for _ in others])]
+    job = out.begun(
         output, "processed recording", OWN_NAMES, f"{RECORDS}/*.json", read=read, numbers=numbers,
         simulated=[path.is_dir() for path in others],
         # Those in files count by their content.
         fit_hand=[None if path else one for one, path in starts] or None,
     )  # fmt: skip
-    RecordingWork(
-        source=source, steps=steps, voxels=voxels, numbers=numbers, labels=labels, where=where,
-        hand=hand,
-    ).run(job)  # fmt: skip
+
+    def is_done(number: int) -> bool:
+        return record_file(output, number).is_file()
+
+    with job.held():
+        finished = (output / RESULT).is_file()  # it goes before any frame is done
+        if not finished or not all(map(is_done, numbers)):
+            job.clear([RESULT])
+            steps = prepared(steps, numbers, voxels, where.first)
+            with console.bar("frames") as progress:
+                for _ in job.each(
+                    steps.run, numbers, where, done=is_done,
+                    name=lambda number: f"frame {number}: ",
+                    tolerated=lambda error: not isinstance(error, MISSED),
+                    progress=progress, say=console.line, noun="frame",
+                ):  # fmt: skip
+                    pass
+        files = [record_file(output, number) for number in filter(is_done, numbers)]
+        if not files:
+            raise MeasurementError(f"{recording}: no frame could be processed")
+        records = list(map(read_json_object, files))
+        if not (output / RESULT).is_file():
+            fits = None
+            if hand is not None:
+                fits = hands_of(steps, source, records, device=where.first, **hand)
+            write_results(steps, labels, records, fits)
+        job.clear([f"{HANDS}/{WORK}"])
+    texts = {
+        TABLE: console.counted(len(records), "frame"), FIGURE: "the same over time",
+        RESULT: "the same with all metrics, and how they were made",
+        MOVIE: "the animation; its pictures are in pictures/",
+    }  # fmt: skip
+    for path in (output / name for name in texts if (output / name).is_file()):
+        console.line(f"{path}: {texts[path.name]}")
+    if missing := len(numbers) - len(records):
+        raise MeasurementError(
+            f"{recording}: {missing} of {len(numbers)} frames could not be processed; {output} has "
+            "the others"
+        )

@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import clradar as cl
 import measurement_io
-from clradar.cli import options as opt, outputs as out
-from clradar.cli.console import counted, print_line, progress_bar
-from clradar.cli.images import Comparison, figure_labels
-from clradar.errors import MeshError, warn
+from clradar.cli import console, images as img, options as opt, outputs as out
+from clradar.errors import warn
 from clradar.jobs import KEY, open_devices
 from clradar.jobs.lock import made_folder
 from clradar.model import checks
@@ -30,9 +28,6 @@ PATTERN = "cluster_*.h5"
 TRUTH = "truth"  # what a recording was made of
 
 Item = tuple[int, "cl.AntennaArray"]
-
-_scenes: dict[str, cl.Scene] = {}
-"""The scene that this process simulates, by its digest."""
 
 
 def cluster_files(folder: Path) -> list[str]:
@@ -50,28 +45,17 @@ def recording_files(folder: Path) -> list[str]:
 class ClusterSteps:
     """What is done with a cluster, as plain values that a worker process gets."""
 
-    scene: opt.SceneOptions
-    digest: str
+    scene: cl.Scene
     waveform: cl.Waveform
     settings: cl.SimulationSettings
     folder: Path
     origin: Mapping[str, Any]
-    device: cl.Device | str | None = None
 
-    def run(self, item: Item, progress: Progress | None = None) -> str:
+    def run(self, item: Item, device: cl.Device, progress: Progress) -> str:
         """Simulate a cluster, write its capture, and return what it is."""
         number, array = item
-        if self.digest not in _scenes:
-            _scenes.clear()
-            scene = self.scene.load()
-            if scene.digest() != self.digest:
-                names = ", ".join(str(path) for path, _ in self.scene.meshes or [])
-                raise MeshError(f"{names}: changed while clusters were simulated")
-            _scenes[self.digest] = scene
-        capture = cl.simulate(
-            _scenes[self.digest], array, self.waveform, settings=self.settings, device=self.device,
-            progress=progress,
-        )  # fmt: skip
+        how: dict[str, Any] = {"settings": self.settings, "device": device, "progress": progress}
+        capture = cl.simulate(self.scene, array, self.waveform, **how)
         out.save(self.file_of(number), capture, self.origin)
         return summary(capture)
 
@@ -154,7 +138,7 @@ def record_movement(
             ]
             out.write(own / TRUTH / "truth.json", {"frames": truth})
 
-    with progress_bar("simulating") as progress:
+    with console.bar("simulating") as progress:
         if n_frames is None and not several:
             out.write(output, next(captures(0)))
         else:
@@ -163,7 +147,7 @@ def record_movement(
     text = f"{n_frames} frames, sweeps" if n_frames is not None else "a sweep"
     text += f" of {1e3 * sweep_s:.3g} ms"
     if n_frames is None and not several:
-        text += f", simulated at {counted(movements[0].get('instants', 1), 'instant')}"
+        text += f", simulated at {console.counted(movements[0].get('instants', 1), 'instant')}"
     if errors_db := [one["sample_error_db"] for one in movements if one.get("sample_error_db")]:
         text += f", samples right to {max(errors_db):.0f} dB"
     return text + (f", {len(clusters)} clusters" if several else "")
@@ -265,32 +249,30 @@ def simulate_command(
         )
     elif scene is not None and several:
         settings = settings.for_scene(scene, clusters[0], waveform)  # one for all: images add up
-        _scenes.clear()
-        _scenes[digest := scene.digest()] = scene
         steps = ClusterSteps(
-            scene=scenery, digest=digest, waveform=waveform, settings=settings, folder=output,
+            scene=scene, waveform=waveform, settings=settings, folder=output,
             origin=out.provenance(),
         )  # fmt: skip
         job = out.begun(
             output, "simulation of clusters", cluster_files(output), PATTERN,
             settings=asdict(settings),
         )  # fmt: skip
-        with job.held(), progress_bar("tracing") as progress:
+        with job.held(), console.bar("tracing") as progress:
             for (number, _), text in job.each(
-                steps, list(enumerate(clusters, start=1)), where,
+                steps.run, list(enumerate(clusters, start=1)), where,
                 done=lambda one: steps.file_of(one[0]).is_file(),
-                name=lambda one: f"cluster {one[0]}: ", progress=progress, say=print_line,
+                name=lambda one: f"cluster {one[0]}: ", progress=progress, say=console.line,
                 noun="cluster",
             ):  # fmt: skip
-                print_line(f"{steps.file_of(number)}: {text}")
+                console.line(f"{steps.file_of(number)}: {text}")
         text, label = f"{len(clusters)} clusters", where.text
     elif scene is not None:
-        with progress_bar("tracing") as progress:
+        with console.bar("tracing") as progress:
             capture = cl.simulate(
                 scene, clusters[0], waveform, settings=settings, device=opened, progress=progress
             )
         text = summary(out.write(output, capture))
-    print_line(f"{output}: {text}, {perf_counter() - start_s:.1f} s on {label}")
+    console.line(f"{output}: {text}, {perf_counter() - start_s:.1f} s on {label}")
 
 
 TURN_DEG = 25.0
@@ -320,8 +302,8 @@ def demo_command(
     opened = open_devices(device).first
     voxel_m = 1e-3 if full else 2e-3
     grid = cl.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), voxel_m)
-    print_line(f"device: {opened.info.label}")
-    print_line(f"grid: {opt.grid_text(grid)}; --full has 1 mm")
+    console.line(f"device: {opened.info.label}")
+    console.line(f"grid: {opt.grid_text(grid)}; --full has 1 mm")
     with made_folder(output):
         run_demo(output, radar, grid, opened)
 
@@ -350,7 +332,7 @@ def run_demo(
     volumes = []
     for name, (surface, settings, seed) in simulated.items():
         start_s = perf_counter()
-        with progress_bar(f"simulating {name}") as progress:
+        with console.bar(f"simulating {name}") as progress:
             capture = cl.simulate(
                 surface, radar.antennas(), radar.waveform(), seed=seed, device=device,
                 progress=progress, **settings,
@@ -361,12 +343,12 @@ def run_demo(
             capture = measurement_io.open_capture(folder / name)
         else:
             capture = out.write(folder / f"{name}.h5", capture, **how)
-        with progress_bar(f"imaging {name}") as progress:
+        with console.bar(f"imaging {name}") as progress:
             image = cl.backproject(capture, grid, device=device, progress=progress)
         volumes.append(out.write(folder / f"{name}_volume.h5", image, **how))
-        print_line(f"{name}: simulated and imaged in {perf_counter() - start_s:.1f} s")
+        console.line(f"{name}: simulated and imaged in {perf_counter() - start_s:.1f} s")
     first, *paths = (Path(f"{name}_volume.h5") for name in simulated)
-    compared = Comparison.of(volumes, figure_labels(paths, [v.meta for v in volumes[1:]]))
+    compared = img.Comparison(volumes, img.figure_labels(paths, [v.meta for v in volumes[1:]]))
     found = {"measured": str(first), "simulated": compared.records(paths)}
     out.write(folder / "metrics.json", {**found, "device": device.describe()}, **how)
     compared.print()

@@ -13,10 +13,7 @@ import numpy as np
 
 import calibration
 import clradar as cl
-from clradar.cli import options as opt, parse
-from clradar.cli.console import print_line, print_table, print_text, progress_bar
-from clradar.cli.images import Measurement, measurement, write_csv
-from clradar.cli.outputs import begun, check_folder, write
+from clradar.cli import console, images as img, options as opt, outputs as out, parse
 from clradar.compare.images import depth_map_of
 from clradar.compare.metrics import METRIC_TABLE
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
@@ -65,7 +62,7 @@ class SweptOptions:
     )
 
     def sweep(
-        self, measured: Measurement, scene: cl.Scene, images: Mapping[str, Any], **how: Any
+        self, measured: img.Measurement, scene: cl.Scene, images: Mapping[str, Any], **how: Any
     ) -> calibration.Sweep | calibration.RoughnessSweep:
         """Sweep over alpha by `images`, or over roughness, for which whole ones are not formed."""
         if self.roughness_mm is None:
@@ -133,7 +130,7 @@ def sweep_command(
     from calibration.roughness.figures import figure_of
     from calibration.roughness.sweep import check_within_grid
 
-    check_folder(output, OWN_NAMES, resumed=True)
+    out.check_folder(output, OWN_NAMES, resumed=True)
     estimator = None if swept.roughness_mm is None else opt.PHYSICAL
     settings = simulation.settings(seed=swept.seed, estimator=estimator)
     devices = open_devices(device)
@@ -147,13 +144,13 @@ def sweep_command(
         kind = calibration.Regions
         known = {PARTS: kind.of_parts, FINGERS: kind.of_fingers}
         labels = known.get(regions, partial(kind.read, Path(regions)))(scene)
-    found = measurement(measured, frames, radar, voxels, imaging, devices.first)
+    found = img.Measurement(measured, frames, radar, voxels, imaging, devices.first)
     images = {**imaging.arguments, "dynamic_range_db": depth.dynamic_range_db}
     # What cannot be compared replaces no earlier sweep.
     depth_map_of(found.volume, depth.dynamic_range_db, str(measured))
     check_within_grid(scene, found.volume.grid)
     grid = opt.grid_text(found.volume.grid)
-    job = begun(
+    job = out.begun(
         output, "sweep", OWN_NAMES, f"{WORK}/*.npz", grid=grid, frame=None, variant=None,
         regions=None if labels is None else list(labels.names),
         device=devices.first.describe(), packages=package_versions(),
@@ -163,18 +160,18 @@ def sweep_command(
     }  # fmt: skip
     with job.held():
         if finished := all((output / name).is_file() for name in RESULTS):
-            print_line(f"{output}: finished before with these settings; nothing to do")
+            console.line(f"{output}: finished before with these settings; nothing to do")
         else:
             how["store"] = store = FolderStore(output / WORK)
             if len(store):
-                print_line(f"{output}: resumes with {len(store)} images that are done")
-            with progress_bar("sweeping") as how["progress"]:
+                console.line(f"{output}: resumes with {len(store)} images that are done")
+            with console.bar("sweeping") as how["progress"]:
                 result = swept.sweep(found, scene, images, **how)
-            write(output / FIGURE, partial(figure_of, result), force=True)
+            out.write(output / FIGURE, partial(figure_of, result), force=True)
             for name, table in zip((TABLE, REGION_TABLE), result.tables(), strict=False):
-                write_csv(output / name, *table)
+                img.write_csv(output / name, *table)
             record = {"measured": str(measured), **result.to_dict()}
-            write(output / RESULT, record, force=True, grid=grid)
+            out.write(output / RESULT, record, force=True, grid=grid)
         job.clear([WORK])
     if not finished:
         if isinstance(result, calibration.Sweep):
@@ -184,6 +181,6 @@ def sweep_command(
                 at: Any = SimpleNamespace(**{name: values[i] for name, values in means.items()})
                 nearest = "nearest" if i == result.nearest else ""
                 rows.append([f"{alpha:g}", *(one.text(at) for one in METRIC_TABLE), nearest])
-            print_table(("alpha", *(one.name for one in METRIC_TABLE), ""), rows)
-        print_text(result.report())
-        print_line(f"{output}: {', '.join(RESULTS)}")
+            console.table(("alpha", *(one.name for one in METRIC_TABLE), ""), rows)
+        console.text(result.report())
+        console.line(f"{output}: {', '.join(RESULTS)}")

@@ -163,7 +163,7 @@ Meshes = list[tuple[Path, float | None]]
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions(PlacementOptions, MaterialOptions):
-    """Meshes, their position, alpha and materials: what a worker process reads, too."""
+    """Meshes, their position, alpha and materials."""
 
     meshes: Meshes | None = argument(
         "Mesh files, each with an alpha of its own if it differs: hand.ply table.stl:0.1. None "

@@ -92,7 +92,7 @@ def aligned(folder):
             "",
             cleaned,
         ),
-        ("channels plate.h5 -o channels.h5 --distance-mm 300", "of the echoes is left", estimated),
+        ("channels plate.h5 -o channels.h5 --distance-mm 300", "residual", estimated),
         (
             "sweep rough.h5 plate.ply -o sweep.png --transform transform.json --alphas 3 "
             "--samples-per-mm2 0.5 --seeds 2",
