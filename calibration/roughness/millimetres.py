@@ -163,49 +163,34 @@ def estimate_roughness(
     found = likelihoods(shifts)
     of_gain = of_gains(found)
     total = of_gain.sum(axis=0)
-    estimates = [
-        _estimate(region, heights_m, lengths_m, shifts, likelihood + total - own, chi2)
-        for region, own, (likelihood, chi2) in zip(regions, of_gain, found, strict=True)
-    ]
-    return estimates, Interval.of(shifts / NATURAL_PER_DB, special.softmax(total))
-
-
-def _estimate(
-    region: RegionStatistics,
-    heights_m: np.ndarray,
-    lengths_m: np.ndarray,
-    shifts: np.ndarray,
-    joint: np.ndarray,
-    chi2: np.ndarray,
-) -> RoughnessEstimate:
-    """The estimate of a region, by its likelihood over heights, lengths and gains of all."""
-    at = logarithms(heights_m[:, None], lengths_m)
-    i, j, k = (int(index) for index in np.unravel_index(np.argmax(joint), joint.shape))
-    probability = np.exp(special.logsumexp(joint, axis=2) - special.logsumexp(joint))
-    # With less power in the rest than at the lowest height, nothing below that is known.
-    rest = np.array([name.startswith(REST) for name in region.statistics])
-    coherent = np.array([name == COHERENT for name in region.statistics])
-    weight = rest / np.count_nonzero(rest) - coherent
-    mean, spread = region.emulator.at(at[0])
-    lowest = mean @ weight - SMOOTHER_BY * np.sqrt(spread**2 @ weight**2)
-    if region.measured @ weight < lowest.min():
-        i, k = 0, int(np.argmax(joint[0, j]))
-        probability = np.zeros_like(probability)
-        probability[0] = 1 / len(lengths_m)
-    mean, spread = region.emulator.at(at[i, j])
     slopes = math.sqrt(2.0) * heights_m[:, None] / lengths_m
-    of_heights, of_lengths = probability.sum(axis=1), probability.sum(axis=0)
-    ends = at_ends(lengths_m, of_lengths) if len(lengths_m) > 1 else (False, False)
-    free = len(mean) - 1 - (len(lengths_m) > 1) - (len(shifts) > 1)
-    as_bad = fit_probability(float(chi2[i, j, k]), free, region.emulator.freedom)
-    fitted = mean + shifts[k] * region.shift
-    return RoughnessEstimate(
-        region.name,
-        Interval.of(heights_m, of_heights, at_ends(heights_m, of_heights)),
-        Interval.of(lengths_m, of_lengths, ends),
-        Interval.of(slopes, probability),
-        heights_m,
-        lengths_m,
-        probability,
-        Fit(region.statistics, region.measured, fitted, spread, as_bad, region.n_points),
-    )
+    estimates = []
+    for region, own, (likelihood, chi2) in zip(regions, of_gain, found, strict=True):
+        joint = likelihood + total - own  # over heights, lengths and gains, by all regions
+        i, j, k = (int(index) for index in np.unravel_index(np.argmax(joint), joint.shape))
+        probability = np.exp(special.logsumexp(joint, axis=2) - special.logsumexp(joint))
+        # With less power in the rest than at the lowest height, nothing below that is known.
+        rest = np.array([name.startswith(REST) for name in region.statistics])
+        coherent = np.array([name == COHERENT for name in region.statistics])
+        weight = rest / np.count_nonzero(rest) - coherent
+        mean, spread = region.emulator.at(at[0])
+        lowest = mean @ weight - SMOOTHER_BY * np.sqrt(spread**2 @ weight**2)
+        if region.measured @ weight < lowest.min():
+            i, k = 0, int(np.argmax(joint[0, j]))
+            probability = np.zeros_like(probability)
+            probability[0] = 1 / len(lengths_m)
+        mean, spread = region.emulator.at(at[i, j])
+        of_heights, of_lengths = probability.sum(axis=1), probability.sum(axis=0)
+        ends = at_ends(lengths_m, of_lengths) if len(lengths_m) > 1 else (False, False)
+        free = len(mean) - 1 - (len(lengths_m) > 1) - (len(shifts) > 1)
+        as_bad = fit_probability(float(chi2[i, j, k]), free, region.emulator.freedom)
+        fitted = mean + shifts[k] * region.shift
+        fit = Fit(region.statistics, region.measured, fitted, spread, as_bad, region.n_points)
+        height = Interval.of(heights_m, of_heights, at_ends(heights_m, of_heights))
+        length, slope = Interval.of(lengths_m, of_lengths, ends), Interval.of(slopes, probability)
+        estimates.append(
+            RoughnessEstimate(
+                region.name, height, length, slope, heights_m, lengths_m, probability, fit
+            )
+        )
+    return estimates, Interval.of(shifts / NATURAL_PER_DB, special.softmax(total))

@@ -84,7 +84,7 @@ def _pose(value: Any, info: ValidationInfo) -> Any:
     """Return the pose of a name, a file, or as it is in manifests."""
     if isinstance(value, HandPose):
         return value
-    if isinstance(value, str):
+    if isinstance(value, str) and info.field_name != "resolved":  # manifests name no files
         return tried(pose_of, folder_of(info) / value if Path(value).suffix else value)
     try:
         joints = {name: JointAngles(*angles) for name, angles in value["joints_rad"].items()}
