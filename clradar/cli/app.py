@@ -264,9 +264,9 @@ def _interrupted(*words: str) -> typer.Exit:
 def _message(error: Exception) -> str:
     if isinstance(error, ClradarError) and str(error):
         text, missing, _ = str(error).partition(", got nothing there (")
-        name, _, expected = text.partition(": ")
-        if missing and expected:
-            return f"{name}: no such file; {expected}"
+        place, found, expected = text.rpartition(": expected ")
+        if missing and found:
+            return f"{place}: no such file; expected {expected}"
         return str(error)
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return f"{error.filename}: {error.strerror}"

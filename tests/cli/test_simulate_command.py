@@ -374,12 +374,13 @@ def test_a_hand_goes_from_pose_to_pose_as_a_motion(cli):
 def test_a_rig_goes_from_pose_to_pose_in_a_motion(cli):
     Path("in").mkdir()
     RigMaker(units=100.0).save(Path("hand.glb"))
-    way = "hand --from flat --to A --rig hand.glb --rig-unit cm --duration-s 0.5"
-    cli.ok(f"{way} -o in/motion.toml")
+    cli.ok("hand --from flat --to A --rig hand.glb --rig-unit cm -o in/motion.toml")
     motion = clradar.read_motion("in/motion.toml")
     assert [path.name for path in motion.files] == ["motion.toml", "hand.glb"]
     hand = motion.hands[0]
     assert hand.joints_m(0.25) == pytest.approx(hand.mesh(0.25).joints_m, nan_ok=True)
+    Path("hand.glb").unlink()
+    cli.fails("simulate --motion in/motion.toml -o x.h5", "hand[0]: in/../hand.glb: no such file")
 
 
 @pytest.mark.parametrize(("estimator", "tolerance"), [("expected", 1e-4), ("physical", 1e-3)])
