@@ -340,7 +340,7 @@ def _grid(capture: Capture, paths_m: np.ndarray) -> VoxelGrid:
     cells_m = [lateral_resolution_m(capture, axis, range_m) for axis in (0, 1)]
     x, y = (max(1, int(np.ceil(half_m * VOXELS_PER_RESOLUTION / cell))) for cell in cells_m)
     return VoxelGrid(
-        np.array([-half_m, -half_m, low_m]),
+        np.array([-half_m, -half_m, low_m + antennas[:, 2].mean()]),
         np.array([half_m / x, half_m / y, (high_m - low_m) / (planes - 1)]),
         (2 * x + 1, 2 * y + 1, planes),
     )
