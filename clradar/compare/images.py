@@ -127,20 +127,16 @@ def check_same_pixels(measured: DepthMap, simulated: DepthMap) -> None:
     pairs = ((measured.x_m, simulated.x_m), (measured.y_m, simulated.y_m))
     if all(len(a) == len(b) and np.abs(a - b).max() <= SAME_PIXEL_TOLERANCE_M for a, b in pairs):
         return
-    raise CompareError(
-        f"compare: expected both images on the same pixels along x and y, got "
-        f"{_pixels_text(measured)} measured and {_pixels_text(simulated)} simulated; form both "
-        "on one grid"
-    )
-
-
-def _pixels_text(image: DepthMap) -> str:
     # Nine digits show any difference beyond the tolerance.
-    axes = (
-        f"{name} = {1e3 * axis_m[0]:.9g} to {1e3 * axis_m[-1]:.9g} mm in {len(axis_m)}"
-        for name, axis_m in (("x", image.x_m), ("y", image.y_m))
+    x_axes, y_axes = (
+        [f"{1e3 * axis_m[0]:.9g} to {1e3 * axis_m[-1]:.9g} mm in {len(axis_m)}" for axis_m in pair]
+        for pair in pairs
     )
-    return f"({', '.join(axes)})"
+    got = (f"(x = {x}, y = {y})" for x, y in zip(x_axes, y_axes, strict=True))
+    raise CompareError(
+        "compare: expected both images on the same pixels along x and y, got {} measured and {} "
+        "simulated; form both on one grid".format(*got)
+    )
 
 
 def disagreement(measured: DepthMap, simulated: DepthMap) -> Disagreement:

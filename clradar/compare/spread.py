@@ -24,12 +24,10 @@ from clradar.tracing.settings import SimulationSettings, merged_settings, takes_
 
 MOST_SEEDS = 100_000
 
-VARIES = {
-    "stochastic": "shot noise of random rays",
-    "expected": "choice of samples",
+VARIES = {  # with the seed of each estimator
+    "stochastic": "shot noise of random rays", "expected": "choice of samples",
     "physical": "roughness",
-}
-"""What the seed of each estimator changes."""
+}  # fmt: skip
 
 
 @takes_settings

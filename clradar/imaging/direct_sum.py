@@ -12,7 +12,7 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.imaging.fast import Report, array_parts
 from clradar.model import AntennaArray, Waveform
 from clradar.opencl import Buffers, Device, build
-from clradar.opencl.double_single import antenna_rows, hi_lo
+from clradar.opencl.buffers import antenna_rows, hi_lo
 
 TX_BLOCK, RX_BLOCK = 4, 2
 """Transmitters and receivers that an item sums side by side, as registers allow."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from clradar.imaging.tiled import RX_CHUNK, KernelSizes, Tile, TiledImager, tiles_of
 from clradar.opencl import Buffers
-from clradar.opencl.double_single import antenna_rows, hi_lo
+from clradar.opencl.buffers import antenna_rows, hi_lo
 
 TX_BLOCK = 4  # transmitters that the kernel goes through side by side
 TX_CHUNK = 512  # transmitters per call; a multiple of `TX_BLOCK`

@@ -9,7 +9,7 @@ import numpy as np
 from clradar.imaging.block_tree import BlockLevel, grid_block_counts
 from clradar.imaging.voxel_skeleton import VoxelSkeleton
 from clradar.model import VoxelGrid
-from clradar.opencl.double_single import antenna_rows
+from clradar.opencl.buffers import antenna_rows
 
 NO_VOXEL = 2**30  # index of the voxels that fill up a block to whole lanes: outside every grid
 

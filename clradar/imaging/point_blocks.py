@@ -18,7 +18,7 @@ from clradar.imaging.block_tree import (
     tree_levels,
 )
 from clradar.model import AntennaArray, Waveform
-from clradar.opencl.double_single import hi_lo
+from clradar.opencl.buffers import hi_lo
 
 MOST_POINTS = 1024
 """Points of one smallest block, which one work-item sums: others are cut, so that points that lie

@@ -11,7 +11,7 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.imaging.tiled import RX_CHUNK, Tile, TiledImager, tiles_of
 from clradar.model import Capture, VoxelGrid
 from clradar.opencl import Buffers, Device
-from clradar.opencl.double_single import antenna_rows, hi_lo
+from clradar.opencl.buffers import antenna_rows, hi_lo
 
 OVERSAMPLING = 16
 """Bins of the range profile per resolution cell c / span. Linear interpolation between bins a

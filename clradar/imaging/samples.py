@@ -9,7 +9,7 @@ import numpy as np
 
 from clradar.imaging.tree_on_device import column_unit, padded
 from clradar.opencl import Buffers, build
-from clradar.opencl.double_single import hi_lo
+from clradar.opencl.buffers import hi_lo
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import Capture, VoxelGrid
 from clradar.model.progress import Progress
 from clradar.opencl import Buffers, Device, build
-from clradar.opencl.double_single import hi_lo
+from clradar.opencl.buffers import hi_lo
 
 RX_CHUNK = 96
 """Receivers per call, whose path lengths are in private memory. Part of the summation order."""

@@ -17,7 +17,7 @@ from clradar.imaging.grid_blocks import GridBlocks
 from clradar.imaging.point_blocks import PointBlocks
 from clradar.model import AntennaArray, Waveform
 from clradar.opencl import Buffers, Device, build
-from clradar.opencl.double_single import antenna_rows, hi_lo
+from clradar.opencl.buffers import antenna_rows, hi_lo
 from clradar.opencl.program import private_length
 
 FLOAT32_SHARE = 0.3

@@ -15,9 +15,8 @@ import numpy as np
 import pyopencl as cl
 
 from clradar.errors import DeviceError
-from clradar.opencl.buffers import Buffers
+from clradar.opencl.buffers import Buffers, hi_lo
 from clradar.opencl.device import INSTALL_HINT, Device, check_process
-from clradar.opencl.double_single import hi_lo
 from clradar.opencl.sources import source
 
 CACHE_FAILURE = "PYOPENCL_CACHE_FAILURE_FATAL"

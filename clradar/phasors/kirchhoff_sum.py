@@ -15,8 +15,7 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Material, Waveform
 from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, build
-from clradar.opencl.buffers import OnDevice
-from clradar.opencl.double_single import hi_lo
+from clradar.opencl.buffers import OnDevice, hi_lo
 from clradar.phasors.interpolative import Decomposition
 from clradar.phasors.leg_skeletons import (
     LegPoints,

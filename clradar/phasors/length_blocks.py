@@ -16,7 +16,7 @@ from numpy.polynomial import chebyshev
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import Waveform
-from clradar.opencl.double_single import hi_lo
+from clradar.opencl.buffers import hi_lo
 
 MOMENTS = 8  # moments per block: degree 7 in the position within the block
 EDGE_PHASE_RAD = 1.0

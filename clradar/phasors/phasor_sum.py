@@ -9,8 +9,7 @@ import numpy as np
 
 from clradar.model import AntennaArray, Waveform, checks
 from clradar.opencl import Device, build
-from clradar.opencl.buffers import FEWEST_BYTES, OnDevice
-from clradar.opencl.double_single import hi_lo
+from clradar.opencl.buffers import FEWEST_BYTES, OnDevice, hi_lo
 from clradar.phasors.length_blocks import MOMENTS, MOST_SLOTS, length_blocks
 from clradar.tracing.lit_surface import SUM_SHARE
 

@@ -15,7 +15,7 @@ import numpy as np
 from clradar.model import TraceStatistics
 from clradar.model.progress import Progress
 from clradar.opencl import build
-from clradar.opencl.double_single import antenna_rows
+from clradar.opencl.buffers import antenna_rows
 from clradar.tracing.antenna_packets import GROUP
 from clradar.tracing.lit_surface import TILE_SAMPLES, LitSurface, Receptions
 
