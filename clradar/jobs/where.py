@@ -42,8 +42,9 @@ class Where:
     files: tuple[Path, ...] = ()  # files and folders that are read
 
     def __post_init__(self) -> None:
-        if self.workers is not None and self.scheduler is not None:
-            raise ModelError("workers, scheduler: expected one of the two: a scheduler has its own")
+        own = self.workers is None and isinstance(self.device, str | None)
+        if self.scheduler is not None and not own:  # its workers are there, and open their devices
+            raise ModelError("scheduler: expected no workers beside it, and a device by its name")
 
     @cached_property
     def infos(self) -> tuple[DeviceInfo, ...]:
@@ -80,9 +81,8 @@ class Where:
         """Yield the results of all items in order, each with its item's number; or an error."""
         items = list(items)
         if self.here or len(items) < 2:
-            for i, item, part in _with_progress(items, progress):
-                for result in work(item, self.first, part):
-                    yield i, result
+            numbered = _with_progress(items, progress)
+            yield from ((i, r) for i, item, part in numbered for r in work(item, self.first, part))
             return
         said: set[str] = set()
         with self._started(len(items), None) as started:

@@ -16,15 +16,9 @@ import pytest
 from systems import posix_only
 from two_devices import N, findings_of
 
+from clradar import ClradarWarning, DeviceError, MeasurementError, ModelError, OutputError
 from clradar.cli.commands import lists
-from clradar.errors import (
-    ClradarWarning,
-    DeviceError,
-    MeasurementError,
-    OutputError,
-    handled_warnings,
-    warn,
-)
+from clradar.errors import handled_warnings, warn
 from clradar.files.atomic import write_file
 from clradar.jobs import FolderStore, Job, Where
 from clradar.jobs.job import KEY
@@ -271,3 +265,5 @@ def test_devices_of_two_kinds_are_not_alike():
     devices.__dict__["infos"] = (devices.first.info, listed("1:0", "B", "gpu"))
     with pytest.raises(DeviceError, match=r"one name and driver for a sweep.*1:0 B"):
         devices.check_alike("a sweep")
+    with pytest.raises(ModelError, match="a device by its name"):
+        Where(devices.first, scheduler="tcp://127.0.0.1:1")
