@@ -45,7 +45,7 @@ def form_image(
     """A volume as it is, or the image of a capture, with a progress bar on a terminal."""
     if isinstance(content, cl.Volume):
         return content
-    form = cl.reconstruct if imaging.method in ("least-squares", "sparse") else cl.backproject
+    form = cl.reconstruct if imaging.iterated else cl.backproject
     with console.bar("imaging") as progress:
         return form(content, grid, device=device, progress=progress, **imaging.arguments)
 

@@ -127,15 +127,15 @@ def check_same_pixels(measured: DepthMap, simulated: DepthMap) -> None:
     pairs = ((measured.x_m, simulated.x_m), (measured.y_m, simulated.y_m))
     if all(len(a) == len(b) and np.abs(a - b).max() <= SAME_PIXEL_TOLERANCE_M for a, b in pairs):
         return
-    # Nine digits show any difference beyond the tolerance.
-    x_axes, y_axes = (
-        [f"{1e3 * axis_m[0]:.9g} to {1e3 * axis_m[-1]:.9g} mm in {len(axis_m)}" for axis_m in pair]
-        for pair in pairs
-    )
-    got = (f"(x = {x}, y = {y})" for x, y in zip(x_axes, y_axes, strict=True))
+    got = []
+    for image in (measured, simulated):
+        axes = zip("xy", (image.x_m, image.y_m), strict=True)
+        # Nine digits show any difference beyond the tolerance.
+        texts = (f"{n} = {1e3 * m[0]:.9g} to {1e3 * m[-1]:.9g} mm in {len(m)}" for n, m in axes)
+        got.append(", ".join(texts))
     raise CompareError(
-        "compare: expected both images on the same pixels along x and y, got {} measured and {} "
-        "simulated; form both on one grid".format(*got)
+        "compare: expected both images on the same pixels along x and y, got "
+        f"({got[0]}) measured and ({got[1]}) simulated; form both on one grid"
     )
 
 

@@ -144,8 +144,7 @@ class SamplePlan:
             return first
         if poses.kind == "sampler":
             return random_pose(self._stream("movement.pose"))
-        last: HandPose = self._one_of("movement.pose", poses.resolved)
-        return last
+        return self._one_of("movement.pose", poses.resolved)
 
     def _hands(self, hands: Hands) -> Hands:
         sides = ("right", "left") if hands.handedness == "both" else (hands.handedness,)

@@ -176,8 +176,7 @@ def clicked_m(
 def below_db(amplitude: np.ndarray, peak: float) -> np.ndarray:
     """Return the levels of amplitudes relative to a peak; decibel."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        level_db: np.ndarray = 20 * np.log10(amplitude / peak)
-    return level_db
+        return 20 * np.log10(amplitude / peak)
 
 
 def colours_on(scale: str, values: np.ndarray, first: float, last: float) -> np.ndarray:

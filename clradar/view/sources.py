@@ -101,8 +101,7 @@ class Source:
         return str(known)
 
     def _content_of(self, frame: int, known: Any) -> Content:
-        content: Content = self._read(frame)
-        return content
+        return self._read(frame)
 
     def look(self) -> bool:
         """Wait a while for other frames; return whether there are."""
@@ -226,8 +225,7 @@ class StreamFrames(Source):
         return f"frame {known.meta.get('frame', frame)}"
 
     def _content_of(self, frame: int, known: Any) -> Content:
-        content: Content = known
-        return content
+        return known
 
     def look(self) -> bool:
         came = self._came.wait(REST_S)

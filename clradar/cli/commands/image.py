@@ -86,11 +86,6 @@ class ImageOptions(opt.GridOptions, opt.ImagingOptions):
     absolute: bool = opt.option("The samples are S-parameters.", False)
 
     @property
-    def iterated(self) -> bool:
-        """Whether it is formed by iteration: by `clradar.reconstruct`."""
-        return self.method in ("least-squares", "sparse")
-
-    @property
     def arguments(self) -> dict[str, Any]:
         """Of `clradar.backproject`, or of `clradar.reconstruct`."""
         names = ("iterations", "damping_db", "sparsity_db") if self.iterated else ("window",)

@@ -201,6 +201,11 @@ class ImagingOptions:
     )
 
     @property
+    def iterated(self) -> bool:
+        """Whether it is formed by iteration: by `clradar.reconstruct`."""
+        return self.method in ("least-squares", "sparse")
+
+    @property
     def arguments(self) -> dict[str, Any]:
         """Of `clradar.backproject`."""
         return {"method": self.method, "window": self.window}

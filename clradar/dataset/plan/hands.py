@@ -361,8 +361,7 @@ def _made_of(given: Any, info: ValidationInfo) -> Material:
     if isinstance(given, Material):
         return given
     if isinstance(given, dict):
-        made: Material = tried(material_of, given, "material")
-        return made
+        return tried(material_of, given, "material")
     if not isinstance(given, str):
         raise mistake("the name of a material, FILE.toml:NAME, or a table", toml_brief(given))
     file, colon, name = given.rpartition(":")
