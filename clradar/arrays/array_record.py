@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
+from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
 from scipy.spatial.transform import Rotation
 
 from clradar.arrays.instruments import KNOWN
@@ -19,13 +19,9 @@ from clradar.files.records import (
     Text,
     Vector,
     Whole,
-    is_number,
     made,
     mistake,
-    number_tuple,
-    numbers,
     one_of,
-    row_tuple,
 )
 from clradar.model import AntennaArray, AntennaPattern
 from clradar.model.antenna_side import AntennaSide
@@ -69,7 +65,7 @@ class Cross(FileRecord):
 class Plane(FileRecord):
     """n = [n_x, n_y] antennas on size_m = [width, height] about center_m, row by row."""
 
-    size_m: Annotated[tuple[float, ...], numbers(2), Field(description="[width, height] in metres")]
+    size_m: tuple[Number, Number] = Field(description="[width, height] in metres")
     n: tuple[Count, Count] = Field(description=f"[n_x, n_y], each {_WHOLE.format(1)}")
     center_m: Place = (0.0, 0.0, 0.0)
 
@@ -124,16 +120,17 @@ class Placed(FileRecord):
         return self
 
 
-def _once_or_for_each(value: Any) -> Any:
-    if isinstance(value, list):
-        is_row = not any(isinstance(row, list) for row in value)
-        return number_tuple(value, "a list of numbers", ()) if is_row else row_tuple(value)
-    if not is_number(value):
-        raise mistake("a finite number, or a list of one for each antenna")
-    return value
+def _form(value: Any) -> str:
+    if not isinstance(value, list):
+        return "one[]"
+    return "rows[]" if any(isinstance(row, list) for row in value) else "row[]"
 
 
-ForEach = Annotated[Any, BeforeValidator(_once_or_for_each)]
+ForEach = Annotated[
+    Annotated[Number | None, Tag("one[]")] | Annotated[Numbers, Tag("row[]")]
+    | Annotated[Rows, Tag("rows[]")],
+    Discriminator(_form),
+]  # fmt: skip
 
 
 class Antennas(Placed):

@@ -21,7 +21,8 @@ from pydantic import BeforeValidator, RootModel
 from clradar.errors import ModelError
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.json_file import read_json, read_json_object
-from clradar.files.records import OpenRecord, mistake, record_of, row_tuple
+from clradar.files.records import OpenRecord, is_number, mistake, record_of
+from clradar.files.toml_file import toml_brief
 from clradar.model import checks
 
 RADAR = "radar"
@@ -39,9 +40,13 @@ def _matrix(value: Any) -> np.ndarray:
     """Return a 4 x 4 matrix from four rows of four numbers, or from sixteen in that order."""
     if isinstance(value, list) and len(value) == 16:
         value = [value[i : i + 4] for i in range(0, 16, 4)]
-    matrix = np.array(row_tuple(value))
-    if matrix.shape != (4, 4):
-        raise mistake("four rows of four numbers", f"shape {matrix.shape}")
+    rows = value if isinstance(value, list) else []
+    if [len(row) if isinstance(row, list) else 0 for row in rows] != 4 * [4]:
+        raise mistake("a matrix of four rows of four numbers")
+    for i, j in np.ndindex(4, 4):
+        if not is_number(rows[i][j]):
+            raise mistake("a finite number", toml_brief(rows[i][j]), key=(i, j))
+    matrix = np.array(rows, np.float64)
     if np.abs(matrix[3] - (0, 0, 0, 1)).max() <= LAST_ROW_ROUNDING:
         matrix[3] = (0, 0, 0, 1)
     try:

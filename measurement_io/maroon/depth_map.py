@@ -17,7 +17,7 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.files.failures import fail, reading
 from clradar.files.json_file import read_json_object
 from clradar.files.limits import MAX_IMAGE_PIXELS
-from clradar.files.records import Number, OpenRecord, Whole, mistake, numbers, record_of
+from clradar.files.records import Number, Numbers, OpenRecord, Whole, mistake, record_of
 from clradar.model import DepthMap, checks
 from measurement_io.confined.reading import run
 from measurement_io.maroon.alignment import Matrix
@@ -35,12 +35,15 @@ Axis = tuple[float, float, int]
 """First and last point, metres, and number of points."""
 
 
+Corner = Annotated[Numbers, Field(min_length=2, max_length=3)]
+
+
 class Grid(OpenRecord):
     """`volume` or `depth` of a frame: the grid of its pixels, both ends included."""
 
-    bb_min: Annotated[tuple[float, ...] | None, numbers(2, 3)] = None
-    bb_max: Annotated[tuple[float, ...] | None, numbers(2, 3)] = None
-    grid_size: Annotated[tuple[float, ...] | None, numbers(2, 3)] = None
+    bb_min: Corner | None = None
+    bb_max: Corner | None = None
+    grid_size: Corner | None = None
 
     @model_validator(mode="after")
     def _is_a_grid(self) -> Grid:
