@@ -120,7 +120,11 @@ NumberOrText = Annotated[
     float | str, checked("a number or text", lambda v: is_number(v) or _is_text(v))
 ]
 Vector = tuple[Number, Number, Number]
-Numbers = Annotated[tuple[Number, ...], Field(min_length=1, fail_fast=True)]
+Numbers = Annotated[
+    tuple[Number, ...],
+    Field(fail_fast=True),
+    checked("a list of numbers", lambda v: isinstance(v, list | tuple) and len(v) > 0),
+]
 Rows = Annotated[
     tuple[Numbers, ...],
     Field(fail_fast=True),

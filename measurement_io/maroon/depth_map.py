@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.files.failures import fail, reading
 from clradar.files.json_file import read_json_object
 from clradar.files.limits import MAX_IMAGE_PIXELS
-from clradar.files.records import Number, Numbers, OpenRecord, Whole, mistake, record_of
+from clradar.files.records import Number, Numbers, OpenRecord, Whole, checked, mistake, record_of
 from clradar.model import DepthMap, checks
 from measurement_io.confined.reading import run
 from measurement_io.maroon.alignment import Matrix
@@ -35,7 +35,9 @@ Axis = tuple[float, float, int]
 """First and last point, metres, and number of points."""
 
 
-Corner = Annotated[Numbers, Field(min_length=2, max_length=3)]
+Corner = Annotated[
+    Numbers, checked("two or three numbers", lambda v: len(v) in (2, 3), AfterValidator)
+]
 
 
 class Grid(OpenRecord):
