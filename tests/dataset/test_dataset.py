@@ -42,8 +42,7 @@ from clradar.jobs.outcome import silent
 POINT_ERROR_M = 1e-9
 """Rotations and translations of decimetres in float64: rounding is some 1e-16 m."""
 
-SIZE_SHARE = 0.25
-"""How far the estimate of bytes may be off: samples compress differently."""
+SIZE_SHARE = 0.25  # as far may the estimate of bytes be off: samples compress differently
 
 HALF_FLOAT_M = 2e-8
 """float32 of lengths below 0.5 m: half of 2**-24 of 0.5 m is 1.5e-8 m."""
