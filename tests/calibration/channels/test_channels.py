@@ -12,17 +12,10 @@ from nightly import nightly
 from recorded_targets import DEAD_RX, DEAD_TX, HALF, QAR50, SMALL, Instrument, instrument
 
 import clradar
-from calibration import (
-    CornerReflector,
-    FlatPlate,
-    Sphere,
-    correct,
-    estimate_channels,
-    range_gate,
-    response,
-)
+from calibration import CornerReflector, FlatPlate, Sphere, correct, estimate_channels, response
 from calibration.channels import figure
 from calibration.channels.targets import Target
+from calibration.clutter import range_gate
 from clradar import AntennaArray, Capture, ChannelCalibration, Waveform
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError, MeasurementError, ModelError, OutputError
