@@ -35,9 +35,8 @@ MOST_CLUSTERS = 1024
 MOST_ANTENNAS = 20_000  # of one rule: a whole wall of imaging clusters has some thousands
 
 Place = Annotated[Vector, Field(description="[x, y, z] in metres")]
-Length = Annotated[Number, Field(gt=0, description="a length above 0, in metres")]
-_WHOLE = f"a whole number from {{}} to {MOST_ANTENNAS}"
-Count = Annotated[Whole, Field(ge=1, le=MOST_ANTENNAS, description=_WHOLE.format(1))]
+COUNT = f"a whole number from 1 to {MOST_ANTENNAS}"
+Count = Annotated[Whole, Field(ge=1, le=MOST_ANTENNAS, description=COUNT)]
 
 
 class Line(FileRecord):
@@ -51,26 +50,11 @@ class Line(FileRecord):
         return np.linspace(self.first_m, self.last_m, self.n)
 
 
-class Cross(FileRecord):
-    """A line of `n` along x and one along y, both of length_m about center_m; one middle."""
-
-    length_m: Length
-    n: Annotated[Whole, Field(ge=2, le=MOST_ANTENNAS, description=_WHOLE.format(2))]
-    center_m: Place = (0.0, 0.0, 0.0)
-
-    def placed_m(self) -> np.ndarray:
-        steps = np.linspace(-self.length_m / 2, self.length_m / 2, self.n)
-        placed = np.zeros((2 * self.n, 3))
-        placed[: self.n, 0] = placed[self.n :, 1] = steps
-        middle = [self.n + self.n // 2] if self.n % 2 else []
-        return np.delete(placed, middle, axis=0) + np.array(self.center_m)
-
-
 class Plane(FileRecord):
     """n = [n_x, n_y] antennas on size_m = [width, height] about center_m, row by row."""
 
     size_m: Annotated[tuple[float, ...], numbers(2), Field(description="[width, height] in metres")]
-    n: tuple[Count, Count] = Field(description=f"[n_x, n_y], each {_WHOLE.format(1)}")
+    n: tuple[Count, Count] = Field(description=f"[n_x, n_y], each {COUNT}")
     center_m: Place = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")
@@ -87,28 +71,12 @@ class Plane(FileRecord):
         return np.stack(np.meshgrid(x, y, 0.0), axis=-1).reshape(-1, 3) + np.array(self.center_m)
 
 
-class Ring(FileRecord):
-    """`n` antennas on a circle about center_m; the first at first_deg from x towards y."""
-
-    radius_m: Length
-    n: Count
-    first_deg: Number = 0.0
-    center_m: Place = (0.0, 0.0, 0.0)
-
-    def placed_m(self) -> np.ndarray:
-        angle = np.deg2rad(self.first_deg) + 2 * np.pi * np.arange(self.n) / self.n
-        circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(self.n)], axis=1)
-        return self.radius_m * circle + np.array(self.center_m)
-
-
 class Placed(FileRecord):
     """A table with one rule, and the positions (n, 3) that it gives."""
 
     points_m: Rows | None = None
     line: Line | None = None
-    cross: Cross | None = None
     plane: Plane | None = None
-    ring: Ring | None = None
     _at_m: np.ndarray = PrivateAttr()
 
     @model_validator(mode="after")

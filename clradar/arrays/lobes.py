@@ -1,4 +1,4 @@
-"""Lobes and aliases: what else a focused array shows of a point, or takes for it."""
+"""What an array resolves and what it confuses: widths, lobes, aliases."""
 
 from __future__ import annotations
 
@@ -8,10 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.arrays.instruments import qar50
-from clradar.arrays.point_spread import Clusters, clusters_of, pair_sums, response, thinned
+from clradar.arrays.point_spread import (
+    Clusters,
+    clusters_of,
+    pair_sums,
+    response,
+    thinned,
+    width_m,
+)
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import Waveform, checks
+from clradar.errors import warn
+from clradar.model import AntennaArray, Waveform, checks
+from clradar.model.checks import MAX_DYNAMIC_RANGE_DB
+from clradar.model.plausible import doubtful_place
 from clradar.model.range_profile import MIN_STEPS
+
+LEVEL_DB, MOST_LOBES = -20.0, 20  # of `array_figures`, the strongest
 
 GRATING_DB = -6.0  # from this level on lobes can be taken for the target: they are grating lobes
 MOST_TERMS = 500_000_000  # antennas times directions of a search: some 10 s
@@ -19,7 +31,9 @@ CELLS, SHIFTS = 4.0, 256
 """Range cells to either side of the focus in which the echoes of a lobe may be brightest, and the
 number of ranges there at which they are added up over the band."""
 
-CLIMBED = (0.5, 0.5, 0.5, 0.5, 0.5, 0.2, 0.05, 0.01)  # steps of a climb, of those of the lattice
+CLIMBED = (1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008)
+"""Steps of a climb to the highest of 15 places, as shares of those of the lattice."""
+
 GHOST_DB = -3.0  # from this level on a lobe or an alias is as good as the echo itself
 SEARCHED = 24  # antennas of a side, drawn, whose response tells where all of them may have a lobe
 MOST_GHOST_TERMS = 6e7  # antennas times directions: 1 s; larger arrays are not searched
@@ -48,14 +62,8 @@ class DirectionMap:
     def of(
         cls, array: Clusters, frequency_hz: float, focus_m: np.ndarray, within_deg: float
     ) -> DirectionMap:
-        """Return the map up to an angle; more than `MOST_TERMS` are an error."""
-        counts, terms = search(array, frequency_hz, within_deg)
-        if terms > MOST_TERMS:
-            checks.fail(
-                "array_figures: within_deg",
-                f"a search of at most {MOST_TERMS:.0e} antennas times directions",
-                f"{terms:.1e} within {within_deg:g} degrees",
-            )
+        """Return the map up to an angle."""
+        counts, _ = search(array, frequency_hz, within_deg)
         most = np.sin(np.deg2rad(within_deg))
         distance_m = float(np.linalg.norm(focus_m))
         axes = [
@@ -210,21 +218,22 @@ def climbed_lobes(
     high = profiles.max(axis=1) > len(frequencies_hz) * 10 ** (least_db / 20) / 2
 
     def places_m(at: np.ndarray) -> np.ndarray:
-        """Positions (..., 3), metres, of sines along x and y and a range."""
-        # Beyond the horizon as much before it, so that a maximum there is one of the climb, too.
-        beyond = np.maximum(1.0, np.hypot(at[..., :1], at[..., 1:2]))
-        sines = at[..., :2] * (2.0 - beyond) / beyond
+        """Positions (..., 3), metres, of sines along x and y, to the horizon, and a range."""
+        sines = at[..., :2] / np.maximum(1.0, np.hypot(at[..., :1], at[..., 1:2]))
         upwards = np.sqrt(np.clip(1.0 - (sines**2).sum(axis=-1, keepdims=True), 0.0, None))
         range_m = np.clip(at[..., 2:], distance_m + shifts_m[0], distance_m + shifts_m[-1])
         return np.asarray(range_m * np.concatenate([sines, upwards], axis=-1))
 
-    def heights(at: np.ndarray) -> np.ndarray:
-        points_m = places_m(at).reshape(-1, 3)
-        return response(array, frequencies_hz, focus_m, points_m).reshape(at.shape[:-1])
-
     ranges_m = distance_m + shifts_m[profiles[high].argmax(axis=1)]
     at = np.column_stack([starts_m[high][:, :2] / distance_m, ranges_m])
-    at, height = climbed(heights, at, np.array([*step, cell_m / 4]))
+    around = np.stack(np.meshgrid(*3 * [[0.0, -1.0, 1.0]]), axis=-1).reshape(-1, 3)
+    around = around[np.abs(around).sum(axis=1) != 2]  # the middle, along axes, and corners
+    rows, height = np.arange(len(at)), np.zeros(len(at))
+    for reach in np.multiply.outer(CLIMBED, [*step, cell_m / 4]):
+        tried = at[:, None] + reach * around
+        level = response(array, frequencies_hz, focus_m, places_m(tried).reshape(-1, 3))
+        level = level.reshape(tried.shape[:2])
+        at, height = tried[rows, level.argmax(axis=1)], level.max(axis=1)
     found: list[Lobe] = []
     for position_m, level in zip(places_m(at), height.tolist(), strict=True):
         known_m = np.array([focus_m, *(lobe.position_m for lobe in found)])
@@ -238,25 +247,93 @@ def climbed_lobes(
     return sorted(found, key=rank)
 
 
-def climbed(
-    heights: Callable[[np.ndarray], np.ndarray], at: np.ndarray, reach: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The maxima next to points (n, 3), and their heights (n,): each point goes to the highest of
-    27 around it and of the top of a parabola through these, step by step of `CLIMBED`.
+@dataclass(frozen=True, slots=True)
+class ArrayFigures:
+    """What `array_figures` found."""
+
+    focus_m: np.ndarray
+    widths_m: tuple[float, ...]
+    """At -3 dB along x, y and z; infinite without an aperture (along z and bandwidth)."""
+    range_cell_m: float
+    """c / (2 B), the resolution in range."""
+    unambiguous_range_m: float
+    """c / (2 df), after which ranges repeat."""
+    lobes: tuple[Lobe, ...]
+    """Strongest first."""
+    within_deg: float
+    """Angle to +z that was searched."""
+    over_directions: DirectionMap
+    """The response at the middle frequency."""
+
+
+def array_figures(
+    array: Clusters,
+    waveform: Waveform,
+    focus_m: Sequence[float],
+    *,
+    level_db: float = LEVEL_DB,
+) -> ArrayFigures:
+    """Widths at -3 dB, lobes and unambiguous range of an array that is focused on a point.
+
+    Parameters
+    ----------
+    array : AntennaArray, or sequence of AntennaArray
+        Several, as of `read_clusters`: figures are those of one image of all.
+    waveform : Waveform
+    focus_m : sequence of 3 float
+        In the antenna frame, in front of the antennas.
+    level_db : float
+        Lobes below this level are left out; the strongest 20 are kept. They are looked for in
+        front, at the distance of the focus: less far aside where that would take minutes.
+
+    Notes
+    -----
+    For lines with spacings d the lobes of one frequency are at sin(angle) = sin(focus) + m c/(f d)
+    (Balanis, Antenna Theory, 6.3). Levels are of the whole band, at the range where it is highest.
+
+    Examples
+    --------
+    Four receivers a wavelength apart: the grating lobes of a focus at broadside are at the horizon.
+
+    >>> band = clradar.Waveform.sfcw(60e9, 60e9, 1)
+    >>> rx_m = (np.arange(4)[:, None] - 1.5) * [299_792_458 / 60e9, 0, 0]
+    >>> array = clradar.AntennaArray([[0, 0, 0]], rx_m)
+    >>> found = clradar.arrays.array_figures(array, band, (0, 0, 5), level_db=-6)
+    >>> [(lobe.azimuth_deg, round(lobe.level_db, 1) + 0.0, lobe.grating) for lobe in found.lobes]
+    [(-90.0, 0.0, True), (90.0, 0.0, True)]
     """
-    i, j = np.triu_indices(3)
-    around = np.stack(np.meshgrid(*3 * [[0.0, -1.0, 1.0]]), axis=-1).reshape(-1, 3)
-    parabola = np.linalg.pinv(np.column_stack([np.ones(27), around, around[:, i] * around[:, j]]))
-    curve, height = np.zeros((len(at), 3, 3)), np.zeros(len(at))
-    for step in np.multiply.outer(CLIMBED, reach):
-        places = at[:, None] + step * around
-        level = heights(places)
-        fit = level @ parabola.T
-        curve[:, i, j] = curve[:, j, i] = fit[:, 4:] * np.where(i == j, 2.0, 1.0)
-        # Levels are exact to 1e-5. Along an axis without aperture or bandwidth nothing changes.
-        top = -np.linalg.pinv(curve, 1e-4, hermitian=True) @ fit[:, 1:4, None]
-        top = at[:, None] + step * np.clip(top.swapaxes(1, 2), -1.0, 1.0)
-        places = np.concatenate([places, top], axis=1)
-        level = np.hstack([level, heights(top)])
-        at, height = places[np.arange(len(at)), level.argmax(axis=1)], level.max(axis=1)
-    return at, height
+    array = clusters_of(array)
+    for one in array or [None]:
+        checks.instance("array_figures: array", one, AntennaArray)
+    checks.instance("array_figures: waveform", waveform, Waveform)
+    focus = checks.read_only("array_figures: focus_m", focus_m, np.float64, (3,))
+    frequencies_hz = thinned(waveform)
+    middle_hz = float(frequencies_hz[len(frequencies_hz) // 2])
+    within_deg = 90.0
+    while search(array, middle_hz, within_deg)[1] > MOST_TERMS and within_deg > 0.1:
+        within_deg = float(f"{0.8 * within_deg:.2g}")
+    level = checks.within("array_figures: level_db", level_db, -MAX_DYNAMIC_RANGE_DB, 0.0, " dB")
+    antennas_m = np.concatenate([side.antennas_m for one in array for side in one.sides])
+    foremost_m = antennas_m[:, 2].max()
+    if focus[2] <= foremost_m:
+        checks.fail("array_figures: focus_m", f"z above {foremost_m:g} m, in front", focus[2])
+    if (doubt := doubtful_place(0.0, focus, antennas_m)) is not None:
+        warn(f"the focus is {doubt}")
+    # The response at one frequency tells where to climb that of the whole band. Another frequency's
+    # maximum may be higher: half the level will do.
+    over = DirectionMap.of(array, middle_hz, focus, within_deg)
+    strongest = over.maxima(10 ** (level / 20) / 2)[: 5 * MOST_LOBES]
+    starts_m = np.linalg.norm(focus) * strongest
+    most = np.sin(np.deg2rad(within_deg)) + 1e-9
+    found = [
+        lobe
+        for lobe in climbed_lobes(array, frequencies_hz, focus, starts_m, over.step, level)
+        if np.hypot(*lobe.position_m[:2]) <= most * np.linalg.norm(lobe.position_m)
+    ]
+    across_m, along_m = 2 * float(np.linalg.norm(focus)), 0.99 * float(focus[2] - foremost_m)
+    widths_m = tuple(
+        width_m(array, frequencies_hz, focus, axis, longest_m)
+        for axis, longest_m in zip(np.eye(3), (across_m, across_m, along_m), strict=True)
+    )
+    ranges_m = waveform.range_resolution_m, waveform.unambiguous_range_m
+    return ArrayFigures(focus, widths_m, *ranges_m, tuple(found[:MOST_LOBES]), within_deg, over)
