@@ -11,7 +11,6 @@ from clradar.arrays.instruments import qar50
 from clradar.arrays.point_spread import (
     Clusters,
     clusters_of,
-    pair_sums,
     response,
     thinned,
     width_m,
@@ -27,12 +26,9 @@ LEVEL_DB, MOST_LOBES = -20.0, 20  # of `array_figures`, the strongest
 
 GRATING_DB = -6.0  # from this level on lobes can be taken for the target: they are grating lobes
 MOST_TERMS = 500_000_000  # antennas times directions of a search: some 10 s
-CELLS, SHIFTS = 4.0, 256
-"""Range cells to either side of the focus in which the echoes of a lobe may be brightest, and the
-number of ranges there at which they are added up over the band."""
-
 CLIMBED = (1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008)
-"""Steps of a climb to the highest of 15 places, as shares of those of the lattice."""
+"""Steps of a climb to the highest of 15 places, as shares of those of the lattice and of a quarter
+of a range cell; before it to the highest of four cells of range to either side."""
 
 GHOST_DB = -3.0  # from this level on a lobe or an alias is as good as the echo itself
 SEARCHED = 24  # antennas of a side, drawn, whose response tells where all of them may have a lobe
@@ -99,6 +95,16 @@ class Lobe:
     """Angle above the x-z plane, positive towards +y."""
     level_db: float
     """Relative to the focus, over the whole band."""
+
+    @classmethod
+    def at(cls, position_m: np.ndarray, height: float) -> Lobe:
+        """Return the lobe of a maximum with a height relative to the focus."""
+        x, y, z = position_m / np.linalg.norm(position_m)
+        # Next to the y axis the azimuth is that of rounding.
+        azimuth = np.arctan2(x, z) if np.hypot(x, z) > 1e-3 else 0.0
+        angles = azimuth, np.arcsin(np.clip(y, -1.0, 1.0))
+        azimuth_deg, elevation_deg = (round(float(np.rad2deg(a)), 6) + 0.0 for a in angles)  # no -0
+        return cls(position_m, azimuth_deg, elevation_deg, 20 * float(np.log10(height)))
 
     @property
     def grating(self) -> bool:
@@ -184,16 +190,6 @@ def search(array: Clusters, frequency_hz: float, within_deg: float) -> tuple[lis
     return counts, sum(one.n_tx + one.n_rx for one in own) * directions
 
 
-def _lobe(position_m: np.ndarray, height: float) -> Lobe:
-    direction = position_m / np.linalg.norm(position_m)
-    aside = np.hypot(direction[0], direction[2])
-    # Next to the y axis the azimuth is that of rounding.
-    azimuth = np.arctan2(direction[0], direction[2]) if aside > 1e-3 else 0.0
-    angles = azimuth, np.arcsin(np.clip(direction[1], -1.0, 1.0))
-    azimuth_deg, elevation_deg = (round(float(np.rad2deg(a)), 6) + 0.0 for a in angles)  # no -0
-    return Lobe(position_m, azimuth_deg, elevation_deg, 20 * float(np.log10(height)))
-
-
 def climbed_lobes(
     array: Clusters,
     frequencies_hz: np.ndarray,
@@ -205,40 +201,33 @@ def climbed_lobes(
     """The maxima of the response next to points (n, 3) at the distance of the focus, metres.
 
     Each once, strongest first, without the main lobe and what is below `least_db`; at the ranges
-    that suit them. `step` is that of a `DirectionMap`: half a step beside a maximum there is 0.8 of
-    it, so points with less than half of `least_db` are left out.
+    that suit them. `step` is that of a `DirectionMap`.
     """
     distance_m = float(np.linalg.norm(focus_m))
     span_hz = float(np.ptp(frequencies_hz))
     cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * span_hz) if span_hz > 0 else 0.0
-    shifts_m = np.linspace(-CELLS, CELLS, SHIFTS) * min(cell_m, distance_m / (CELLS + 1))
-    sums = pair_sums(array, frequencies_hz, focus_m, starts_m)
-    wavenumbers = 2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_PER_S
-    profiles = np.abs(sums @ np.exp(2j * np.outer(wavenumbers, shifts_m)))
-    high = profiles.max(axis=1) > len(frequencies_hz) * 10 ** (least_db / 20) / 2
+    reach = np.array([*step, min(cell_m / 4, distance_m / 24)])
 
     def places_m(at: np.ndarray) -> np.ndarray:
         """Positions (..., 3), metres, of sines along x and y, to the horizon, and a range."""
         sines = at[..., :2] / np.maximum(1.0, np.hypot(at[..., :1], at[..., 1:2]))
         upwards = np.sqrt(np.clip(1.0 - (sines**2).sum(axis=-1, keepdims=True), 0.0, None))
-        range_m = np.clip(at[..., 2:], distance_m + shifts_m[0], distance_m + shifts_m[-1])
-        return np.asarray(range_m * np.concatenate([sines, upwards], axis=-1))
+        return np.asarray(at[..., 2:] * np.concatenate([sines, upwards], axis=-1))
 
-    ranges_m = distance_m + shifts_m[profiles[high].argmax(axis=1)]
-    at = np.column_stack([starts_m[high][:, :2] / distance_m, ranges_m])
+    at = np.column_stack([starts_m[:, :2] / distance_m, np.full(len(starts_m), distance_m)])
     around = np.stack(np.meshgrid(*3 * [[0.0, -1.0, 1.0]]), axis=-1).reshape(-1, 3)
     around = around[np.abs(around).sum(axis=1) != 2]  # the middle, along axes, and corners
     rows, height = np.arange(len(at)), np.zeros(len(at))
-    for reach in np.multiply.outer(CLIMBED, [*step, cell_m / 4]):
-        tried = at[:, None] + reach * around
+    for offsets in (np.arange(-16, 17)[:, None] * [0, 0, 1], *np.multiply.outer(CLIMBED, around)):
+        tried = at[:, None] + offsets * reach
         level = response(array, frequencies_hz, focus_m, places_m(tried).reshape(-1, 3))
         level = level.reshape(tried.shape[:2])
         at, height = tried[rows, level.argmax(axis=1)], level.max(axis=1)
     found: list[Lobe] = []
-    for position_m, level in zip(places_m(at), height.tolist(), strict=True):
+    for position_m, peak in zip(places_m(at), height.tolist(), strict=True):
         known_m = np.array([focus_m, *(lobe.position_m for lobe in found)])
-        if level >= 10 ** (least_db / 20) and not are_one(known_m, position_m, step).any():
-            found.append(_lobe(position_m, level))
+        if peak >= 10 ** (least_db / 20) and not are_one(known_m, position_m, step).any():
+            found.append(Lobe.at(position_m, peak))
 
     def rank(lobe: Lobe) -> tuple[float, ...]:
         # Levels of symmetric lobes differ in their last digits.
@@ -324,12 +313,7 @@ def array_figures(
     over = DirectionMap.of(array, middle_hz, focus, within_deg)
     strongest = over.maxima(10 ** (level / 20) / 2)[: 5 * MOST_LOBES]
     starts_m = np.linalg.norm(focus) * strongest
-    most = np.sin(np.deg2rad(within_deg)) + 1e-9
-    found = [
-        lobe
-        for lobe in climbed_lobes(array, frequencies_hz, focus, starts_m, over.step, level)
-        if np.hypot(*lobe.position_m[:2]) <= most * np.linalg.norm(lobe.position_m)
-    ]
+    found = climbed_lobes(array, frequencies_hz, focus, starts_m, over.step, level)
     across_m, along_m = 2 * float(np.linalg.norm(focus)), 0.99 * float(focus[2] - foremost_m)
     widths_m = tuple(
         width_m(array, frequencies_hz, focus, axis, longest_m)

@@ -16,7 +16,7 @@ from numpy.polynomial import chebyshev
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import ModelError, warn
 from clradar.model import AntennaArray, Waveform
-from clradar.motion.bodies import BodyInSweep
+from clradar.motion.rigid import BodyInSweep
 
 COUNTS = tuple(sorted({round(2 ** (step / 4)) for step in range(33)}))
 """Numbers of instants that are tried for a piece, 1 to 256."""

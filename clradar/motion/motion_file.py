@@ -28,9 +28,8 @@ from clradar.files.records import (
 from clradar.hand.mesh import DEFAULT_CENTER_M, DEFAULT_EDGE_LENGTH_M
 from clradar.hand.shape import AVERAGE, HandShape
 from clradar.model import AntennaArray, Scene, Waveform, checks
-from clradar.motion.bodies import MovingBody, MovingScene
 from clradar.motion.hands import MovingHand
-from clradar.motion.rigid import BEYOND, PROFILES, STILL, RigidMotion
+from clradar.motion.rigid import BEYOND, PROFILES, STILL, MovingBody, MovingScene, RigidMotion
 from clradar.motion.timing import ORDERS, STEP_S, SweepTiming
 from clradar.opencl import Device
 
@@ -233,19 +232,7 @@ class Motion:
 
 
 def read_motion(path: str | os.PathLike[str]) -> Motion:
-    """Return what a motion file says; docs/movement.md has the format.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> text = '''
-    ... [[body]]
-    ... velocity_mm_per_s = [0, 0, 500]
-    ... '''
-    >>> _ = Path("away.toml").write_text(text)
-    >>> clradar.read_motion("away.toml").bodies[""].at(0.1)[:3, 3].tolist()
-    [0.0, 0.0, 0.05]
-    """
+    """Return what a motion file says; docs/movement.md has the format."""
     path, expected = Path(path), "a motion (a TOML file, see docs/movement.md)"
     found, hands, files = read_record(path, MotionFile, expected), list[MovingHand](), [path]
     for i, hand in enumerate(found.hand):

@@ -26,14 +26,6 @@ class SweepTiming(Record):
     ----------
     times_s : array_like, shape (n_tx, n_rx or 1, n_freq), float64
         Of every sample; with one column all Rx record at the same time.
-
-    Examples
-    --------
-    Two Tx one after the other, each with three frequencies of 1 ms.
-
-    >>> timing = clradar.SweepTiming.in_order(2, 3, step_s=1e-3)
-    >>> timing.times_s[:, 0].tolist()
-    [[0.0, 0.001, 0.002], [0.003, 0.004, 0.005]]
     """
 
     times_s: Any
