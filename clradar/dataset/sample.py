@@ -34,9 +34,9 @@ from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.impair import Wall, impair, room_capture
 from clradar.model import Capture, Scene, checks
 from clradar.motion.hands import MovingHand
+from clradar.motion.instants import SweepTiming
 from clradar.motion.rigid import MovingScene, RigidMotion
 from clradar.motion.sweep import simulate_moving
-from clradar.motion.timing import SweepTiming
 from clradar.opencl import Device
 from clradar.simulation import simulate
 

@@ -12,9 +12,8 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import ClradarWarning
 from clradar.model import AntennaArray, Capture, Waveform, checks
 from clradar.model.progress import Progress
-from clradar.motion.instants import MIDDLE, Probes, planned
+from clradar.motion.instants import MIDDLE, Probes, SweepTiming, planned
 from clradar.motion.rigid import MovingScene
-from clradar.motion.timing import SweepTiming
 from clradar.opencl import Device, open_device
 from clradar.simulation import simulate
 from clradar.tracing.ambiguous import warn_of_ambiguity

@@ -74,13 +74,12 @@ def test_gains_and_boresights_of_single_antennas(tmp_path):
         f"""
         [[tx]]
         {LINE}
-        gain_db = [0, -6, 0, -20]
-        phase_deg = 90
+        gain = [[0, 1], [0, 0.5], [0, 1], [0, 0.1]]
         [[tx]]
         points_m = [[0, 0, 0]]
         [[rx]]
         {LINE}
-        boresight = [0, 0.6, 0.8]
+        boresight = [[0, 0.6, 0.8]]
         [rx_pattern]
         exponent = 2
         [[pose]]
@@ -88,8 +87,7 @@ def test_gains_and_boresights_of_single_antennas(tmp_path):
         rotation_deg = [0, 90, 0]
         """,
     )
-    level = 10 ** (np.array([0, -6, 0, -20]) / 20)
-    np.testing.assert_allclose(array.tx_gain, [*1j * level, 1], atol=1e-15)
+    np.testing.assert_array_equal(array.tx_gain, [1j, 0.5j, 1j, 0.1j, 1])
     np.testing.assert_allclose(array.rx_boresight, np.tile([0.8, 0.6, 0], (4, 1)), atol=1e-15)
     assert array.rx_gain is None
     assert array.rx_pattern == clradar.AntennaPattern(exponent=2.0)
@@ -128,12 +126,14 @@ def assert_same(got: clradar.AntennaArray, want: clradar.AntennaArray) -> None:
         ('copy_of = "qar5"', "one of .*did you mean 'qar50'"),
         (f'copy_of = "qar50"\n[[tx]]\n{LINE}', "copy_of: expected no tx, rx, antennas beside"),
         ('copy_of = "qar50"\npose = 3', r"pose: expected tables \[\[pose\]\]"),
-        (f"[[antennas]]\n{LINE}\ngain_db = {2**64}", "tx_gain: expected finite numbers, got"),
-        (f"[[antennas]]\n{LINE}\ngain_db = [1, 2]", "gain_db: expected one number, or one for"),
-        (f"[[antennas]]\n{LINE}\nboresight = [0, 1]", "boresight: expected one row of 3 num"),
-        (f"[tx_pattern]\n[[rx]]\n{LINE}\n[[tx]]\n{LINE}\nboresight = [0, 1e200, 0]", "infinite"),
-        (f"[[antennas]]\n{LINE}\nboresight = [0, 1, 0]", r"tx: expected \[tx_pattern\]"),
-        (f"[[antennas]]\n{LINE}\ngain = [1, 0]\ngain_db = 3", "no gain_db and no phase_deg"),
+        (f"[[antennas]]\n{LINE}\ngain = [1, 2]", "gain: expected a list of rows of numbers"),
+        (
+            f"[[antennas]]\n{LINE}\ngain = [[1, 2], [1, 2]]",
+            "a row of 2 numbers.* got 2 of 2",
+        ),
+        (f"[[antennas]]\n{LINE}\nboresight = [[0, 1]]", "boresight: expected a row of 3 num"),
+        (f"[tx_pattern]\n[[rx]]\n{LINE}\n[[tx]]\n{LINE}\nboresight = [[0, 1e200, 0]]", "inf"),
+        (f"[[antennas]]\n{LINE}\nboresight = [[0, 1, 0]]", r"tx: expected \[tx_pattern\]"),
         ('copy_of = "qar50"\npairs = "some"', "pairs: expected one of .all., .cluster."),
         (f'copy_of = "qar50"\npairs = "cluster"\n[[pose]]\n{LINE}', r"pairs: .* got 4 clusters"),
         ('copy_of = "qar50"\n[tx_pattern]\nexponent = -1', r"tx_pattern.exponent: .*\[0, 10000\]"),
