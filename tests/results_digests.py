@@ -1076,6 +1076,9 @@ def data_set(works: Works) -> Values:
             values = np.asarray(column.values)
             if values.dtype.kind in "biufc":
                 found[f"read {name}"] = values
+    meshes = [clradar.dataset.read_sample(folder, i).arrays for i in range(3)]
+    for name in ("mesh_vertices", "mesh_faces", "mesh_part"):
+        found[f"read {name}"] = np.concatenate([arrays[name] for arrays in meshes])
     return found
 
 

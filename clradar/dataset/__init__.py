@@ -6,7 +6,7 @@
 """
 
 from clradar.dataset.plan.plan import Plan, PlanError, plan_schema, read_plan
-from clradar.dataset.readers import TorchDataset, open_dataset
+from clradar.dataset.readers import TorchDataset, open_dataset, read_sample
 from clradar.dataset.runs import replay, run
 from clradar.dataset.sample import Sample, make_sample, recipe
 
@@ -19,6 +19,7 @@ __all__ = [
     "open_dataset",
     "plan_schema",
     "read_plan",
+    "read_sample",
     "recipe",
     "replay",
     "run",

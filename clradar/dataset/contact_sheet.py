@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from clradar.dataset.folder import CONTACT_SHEET, Manifest
 from clradar.dataset.sample import Sample, read_recipe
-from clradar.dataset.shards import read_sample
+from clradar.dataset.shards import read_stored
 from clradar.files.atomic import write_file
 from clradar.hand.joints import CHAINS
 from clradar.plot.drawing import AMPLITUDE_BACKGROUND, new_figure
@@ -40,7 +40,7 @@ def write_contact_sheet(folder: Path, manifest: Manifest) -> None:
     samples = []
     for sample in (stored[round(position)] for position in positions):
         shard = folder / manifest.place_of(sample)
-        samples.append(read_sample(shard, sample, manifest.plan)[0])
+        samples.append(read_stored(shard, sample, manifest.plan)[0])
     write_file(path, figure_bytes(contact_sheet(samples), dpi=DPI), force=True)
 
 

@@ -27,6 +27,7 @@ from clradar.dataset.shards import (
     arrays_of,
     labels_of,
     opened_shard,
+    place_of,
     read_array,
     samples_of,
 )
@@ -223,9 +224,10 @@ def _problems(folder: Path, manifest: Manifest, number: int) -> Iterator[str]:
         if (there := samples_of(file)) != samples:
             yield f"expected the samples {_listed(samples)}, got {_listed(there)}"
             return
-        for name, label in labels_of(plan).items() if samples else ():
-            if label.place not in file or len(file[label.place][:]) != len(samples):
-                yield f"labels/{name}: expected one for each sample"
+        for name in labels_of(plan) if samples else ():
+            place = place_of(file, name)
+            if place not in file or len(file[place][:]) != len(samples):
+                yield f"{name}: expected one for each sample"
         for name in arrays_of(plan.output.products):
             # Of depths, and of joints of rigs, some may be missing.
             may_lack = name == "depth_map" or (name == "joints" and plan.hands.rigs)

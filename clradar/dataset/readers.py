@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,19 @@ import numpy as np
 
 from clradar.dataset.folder import Manifest, read_manifest, shard_name
 from clradar.dataset.plan.plan import plan_record
-from clradar.dataset.shards import ARRAYS, LABELS, arrays_of, labels_of, opened_shard, samples_of
+from clradar.dataset.sample import Sample
+from clradar.dataset.shards import (
+    ARRAYS,
+    LABELS,
+    MESH,
+    NAMES,
+    arrays_of,
+    labels_of,
+    opened_shard,
+    place_of,
+    read_stored,
+    samples_of,
+)
 from clradar.errors import ClradarError, MissingPackage
 from clradar.files.failures import fail
 from clradar.files.json_file import to_json
@@ -21,8 +32,7 @@ from clradar.model import checks
 if TYPE_CHECKING:
     import xarray
 
-CHUNK_SIZE = "32 MiB"  # of Dask arrays, about
-NAMES = ("sample", "pose", "handedness", "rig")  # labels that are coordinates of the samples
+CHUNK_BYTES = 2**25  # of Dask arrays
 
 
 def _stored(folder: str | os.PathLike[str]) -> tuple[Manifest, dict[Path, int]]:
@@ -41,6 +51,8 @@ def _stored(folder: str | os.PathLike[str]) -> tuple[Manifest, dict[Path, int]]:
 def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
     """Return a data set with its axes, units and labels.
 
+    ``xarray.open_mfdataset("letters/shards/*.h5")`` opens shards, too, without what is in `attrs`.
+
     Parameters
     ----------
     folder : path-like
@@ -50,10 +62,10 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
     -------
     xarray.Dataset
         Along `sample`, the number in the plan: products and labels, as Dask arrays that read their
-        shard when they are computed, and `pose`, `handedness` and `rig` as coordinates. The meshes
-        of sample i begin at ``mesh_vertices_first[i]`` and end before ``mesh_vertices_end[i]``;
-        faces index the vertices of their own mesh. In `attrs`: `plan` and `made_with` as JSON,
-        `complete`, `set_aside`. ``make_sample(view.recipe.values[0])`` makes a sample again.
+        shard when they are computed, and `pose`, `handedness` and `rig` as coordinates. Meshes, of
+        which each has its own length, are in `read_sample` alone. In `attrs`: `plan` and
+        `made_with` as JSON, `complete`, `set_aside`. ``make_sample(view.recipe.values[0])`` makes a
+        sample again.
 
     Examples
     --------
@@ -66,77 +78,79 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
     """
     try:
         import dask.array  # noqa: F401 - here, so that the error names what to install
-        import xarray  # noqa: F401
+        import h5netcdf  # noqa: F401
+        import xarray
     except ImportError as error:
         raise MissingPackage(
-            f"open_dataset: expected xarray and dask, got {error}; pip install xarray 'dask[array]'"
+            f"open_dataset: expected xarray, h5netcdf and dask, got {error}; "
+            "pip install xarray h5netcdf 'dask[array]'"
         ) from error
     manifest, counts = _stored(folder)
-    attributes = {
+    parts = [_view(path) for path, count in counts.items() if count]
+    how: Any = {"data_vars": "minimal", "coords": "minimal", "compat": "override"}
+    view = xarray.concat(parts, "sample", **how)
+    view.attrs = {
         "complete": int(not manifest.missing),
         "set_aside": len(manifest.aside),
         "plan": to_json("plan", plan_record(manifest.plan)),
         "made_with": to_json("made_with", manifest.made_with),
     }
-    return _view([path for path, count in counts.items() if count]).assign_attrs(attributes)
+    for coordinate in view.coords.values():
+        coordinate.load()
+    return view
 
 
-def _view(paths: list[Path]) -> xarray.Dataset:
-    """Return the samples of shards, with rows of meshes along axes of their own."""
-    import dask.array
+def _view(path: Path) -> xarray.Dataset:
+    """Return the samples of a shard, in chunks of about `CHUNK_BYTES`."""
     import xarray
 
-    fields = {**ARRAYS, **LABELS}
-    parts: dict[str, list[Any]] = defaultdict(list)
-    rows: dict[str, list[np.ndarray]] = defaultdict(list)  # of each mesh
-    coordinates: dict[str, Any] = {}
-    for path in paths:
-        with opened_shard(path) as file:
-            for name, field in ((n, own) for n, own in fields.items() if own.place in file):
-                lazy = _Lazy(path, file[field.place])
-                chunks = (CHUNK_SIZE, *lazy.shape[1:])
-                parts[name].append(dask.array.from_array(lazy, chunks, name=False, asarray=False))
-                if field.ragged:
-                    rows[name].append(np.diff(file[f"{field.place}_first"][:]))
-            for name, axis in file["entry/axes"].items() if not coordinates else ():
-                dims = (name[:2], "coordinate") if name in ("tx_m", "rx_m") else (name,)
-                coordinates[name] = (dims, _values(axis), _units(axis.attrs.get("units"), name))
-    variables: dict[str, Any] = {}
-    for name, own in parts.items():
-        field = fields[name]
-        if field.ragged:
-            count = np.concatenate(rows[name])
-            end = np.cumsum(count)
-            variables |= {f"{name}_first": ("sample", end - count), f"{name}_end": ("sample", end)}
-        first = f"{name}_row" if field.ragged else "sample"
-        whole = dask.array.concatenate(own)
-        where = coordinates if name in NAMES else variables
-        values = whole.compute() if name in NAMES else whole
-        where[name] = ((first, *field.axes), values, _units(field.units, field.long_name))
-    return xarray.Dataset(variables, coordinates)
+    with opened_shard(path) as file:
+        is_old = file.attrs["clradar_version"] == 1
+    found = _old_view(path) if is_old else xarray.open_dataset(path, engine="h5netcdf")
+    n_samples = found.sizes["sample"]
+    row_bytes = max((found[n].nbytes // n_samples for n in ARRAYS if n in found), default=1)
+    return found.chunk(sample=max(1, CHUNK_BYTES // row_bytes))
 
 
-def _values(dataset: Any, key: Any = ...) -> np.ndarray:
-    found: np.ndarray = dataset[key]
-    return np.char.decode(found, "utf-8") if dataset.dtype.kind == "S" else found
+def _old_view(path: Path) -> xarray.Dataset:
+    """Return the samples of a shard of version 1, which stays open."""
+    import dask.array
+    import h5py
+    import xarray
+
+    file = h5py.File(path)
+    found: dict[str, Any] = {}
+    for name, axis in file["entry/axes"].items():
+        dims = (name[:2], "coordinate") if name in ("tx_m", "rx_m") else (name,)
+        units = {"units": axis.attrs["units"]} if "units" in axis.attrs else {}
+        found[name] = (dims, _texts(axis[:]), {"long_name": name, **units})
+    for name, field in {**ARRAYS, **LABELS}.items():
+        if (place := place_of(file, name)) in file:
+            data = file[place]
+            values = dask.array.from_array(data, data.chunks) if name in ARRAYS else data[:]
+            units = {} if field.units is None else {"units": field.units}
+            attributes = {"long_name": field.long_name, **units}
+            found[name] = (("sample", *field.axes), _texts(values), attributes)
+    view = xarray.Dataset(found)
+    return view.set_coords([name for name in (*NAMES, "tx_m", "rx_m") if name in found])
 
 
-def _units(units: str | None, long_name: str) -> dict[str, str]:
-    return {"long_name": long_name} | ({} if units is None else {"units": str(units)})
+def _texts(values: Any) -> Any:
+    return np.char.decode(values, "utf-8").astype(object) if values.dtype.kind == "S" else values
 
 
-class _Lazy:
-    """One array of one shard; opens the file for each read, so that it can be pickled."""
+def read_sample(folder: str | os.PathLike[str], sample: int) -> Sample:
+    """Return a stored sample of a data set with its recipe and all of its arrays.
 
-    def __init__(self, path: Path, dataset: Any) -> None:
-        self.path, self.place = path, dataset.name
-        self.shape, self.ndim, self.dtype = dataset.shape, dataset.ndim, dataset.dtype
-        if self.dtype.kind == "S":  # no text has more characters than bytes
-            self.dtype = np.dtype(f"U{self.dtype.itemsize}")
-
-    def __getitem__(self, key: Any) -> np.ndarray:
-        with opened_shard(self.path) as file:
-            return _values(file[self.place], key).astype(self.dtype, copy=False)
+    Examples
+    --------
+    >>> from clradar.dataset import read_plan, read_sample, run
+    >>> result = run(read_plan("plan.toml"), "letters")
+    >>> read_sample("letters", 1).arrays["joints"].shape
+    (25, 3)
+    """
+    manifest = read_manifest(Path(folder))
+    return read_stored(Path(folder) / manifest.place_of(sample), sample, manifest.plan)[0]
 
 
 class TorchDataset:
@@ -179,11 +193,11 @@ class TorchDataset:
         self._transform, plan = transform, manifest.plan
         self.poses = plan.pose_names
         fields = {**arrays_of(plan.output.products), **labels_of(plan)}
-        known = [n for n, own in fields.items() if own.dtype != "text" and not own.ragged]
+        known = [n for n, own in fields.items() if own.dtype != "text" and not n.startswith(MESH)]
         known += ["handedness", "pose"] if self.poses else ["handedness"]
         for name in names:
             checks.one_of("TorchDataset: names", name, tuple(known))
-        self._places = {name: fields[name].place for name in names}
+        self._names = tuple(names)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -196,7 +210,7 @@ class TorchDataset:
             raise ClradarError(f"TorchDataset: expected PyTorch, got {error}") from error
         path, row = self._rows[position]
         with opened_shard(path) as file:
-            sample: Any = {n: np.asarray(file[place][row]) for n, place in self._places.items()}
+            sample: Any = {n: np.asarray(file[place_of(file, n)][row]) for n in self._names}
         for name, texts in (("handedness", ("right", "left")), ("pose", self.poses)):
             if name in sample:
                 sample[name] = texts.index(sample[name].item().decode())

@@ -33,7 +33,7 @@ from clradar.dataset.shards import (
     failed_of,
     new_shard,
     opened_shard,
-    read_sample,
+    read_stored,
     samples_of,
 )
 from clradar.errors import ClradarError, DeviceError, MeasurementError, handled_warnings, warn
@@ -179,7 +179,7 @@ class ShardMaker:
         """What the shard that is to be replaced has, or a part, as those of version 1."""
         for path in (target, self.folder / part_name(sample)):
             try:
-                return read_sample(path, sample, self.plan)
+                return read_stored(path, sample, self.plan)
             except MeasurementError:  # it is not there, or damaged
                 continue
         return None
@@ -340,7 +340,7 @@ def replay(
     if index not in manifest.stored:
         fail(Path(folder), "a sample that is stored", f"{index}, of {manifest.plan.samples}")
     place = manifest.place_of(index)
-    stored, then = read_sample(Path(folder) / place, index, manifest.plan)
+    stored, then = read_stored(Path(folder) / place, index, manifest.plan)
     made = make_sample(stored.recipe, opened, rigs=rigs)
     changed = tuple(differences(then, made_with(opened)))
     return Replay(made, place, tuple(_different(stored, made)), changed)

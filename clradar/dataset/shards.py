@@ -1,6 +1,7 @@
-"""Shards: HDF5 files of samples in the NeXus convention; `ARRAYS` and `LABELS` are their schema.
+"""Shards: netCDF-4 files of samples, which xarray opens; `ARRAYS` and `LABELS` are their schema.
 
-The same samples give the same bytes: no time is stored, and the order of writing is fixed.
+The same samples give the same bytes: no time is stored, and the order of writing is fixed. Version
+1, of clradar 0.2, had the same arrays at other places (`place_of`).
 """
 
 from __future__ import annotations
@@ -25,13 +26,12 @@ from clradar.files.records import OpenRecord, Whole
 from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
 
 EXPECTED = "a shard of a data set (HDF5)"
-FORMAT, VERSION = "dataset-shard", 1
+FORMAT, VERSION = "dataset-shard", 2
 
 SPARE_BYTES = 2**21  # of a disk, beside the arrays of a sample
-RAGGED_ROWS = 2**14
 LIBRARY = ("v110", "v110")  # versions of the HDF5 file format that are written
-FAILED = "entry/failed"
-"""Place of the samples that could not be made, and why: a JSON text for each."""
+FAILED = {1: "entry/failed", VERSION: "failed/reasons"}
+"""Place, by version, of the samples that could not be made, and why: a JSON text for each."""
 
 SHAPE_PARAMETERS = (
     "length_m",
@@ -53,7 +53,6 @@ class Aside(OpenRecord):
 class Field:
     """An array or a label of every sample; `axes` are without the first, which is the sample."""
 
-    place: str
     axes: tuple[str, ...]
     units: str | None
     long_name: str
@@ -61,25 +60,21 @@ class Field:
     value: Callable[[SamplePlan], Any] | None = None  # of a label that is no JSON
     of: str | None = None  # a table of the plan without which there is no such label
 
-    @property
-    def ragged(self) -> bool:
-        """Whether rows of all samples are concatenated; `<place>_first` is where each begins."""
-        return self.place.startswith("entry/mesh/")
 
-
+MESH = "mesh_"  # arrays whose names begin so differ in length: they have a group for each sample
 _YX, _XYZ = ("y_m", "x_m"), ("coordinate",)
 _PAIRS = ("tx", "rx", "frequency_hz")
 ARRAYS: Mapping[str, Field] = {
-    name: Field(f"entry/{place}", *rest)
-    for name, place, *rest in (
-        ("capture", "capture/data", _PAIRS, None, "complex response"),
-        ("volume", "volume/data", ("z_m", *_YX), None, "complex image"),
-        ("max_projection", "max_projection/data", _YX, None, "maximum of the amplitude over z"),
-        ("depth_map", "depth_map/data", _YX, "m", "depth of the maximum; NaN: nothing"),
-        ("joints", "joints/data", ("joint", *_XYZ), "m", "joint centres, antenna frame"),
-        ("mesh_vertices", "mesh/vertices", _XYZ, "m", "vertices, antenna frame"),
-        ("mesh_faces", "mesh/faces", ("corner",), None, "vertices of faces"),
-        ("mesh_part", "mesh/part", (), None, "index of each face's part"),
+    name: Field(*rest)
+    for name, *rest in (
+        ("capture", _PAIRS, None, "complex response"),
+        ("volume", ("z_m", *_YX), None, "complex image"),
+        ("max_projection", _YX, None, "maximum of the amplitude over z"),
+        ("depth_map", _YX, "m", "depth of the maximum; NaN: nothing"),
+        ("joints", ("joint", *_XYZ), "m", "joint centres, antenna frame"),
+        ("mesh_vertices", _XYZ, "m", "vertices, antenna frame"),
+        ("mesh_faces", ("corner",), None, "vertices of faces"),
+        ("mesh_part", (), None, "index of each face's part"),
     )
 }
 """Arrays of samples by their names in `Sample.arrays`."""
@@ -145,7 +140,8 @@ _LABELS: Sequence[Any] = (
     ),
     ("made_with", (), None, "versions and device, JSON", "text"),
 )  # fmt: skip
-LABELS = {name: Field(f"entry/labels/{name}", *rest) for name, *rest in _LABELS}
+LABELS = {name: Field(*rest) for name, *rest in _LABELS}
+NAMES = ("pose", "handedness", "rig")  # labels that are coordinates of the samples
 
 
 def labels_of(plan: Plan) -> dict[str, Field]:
@@ -162,8 +158,8 @@ def arrays_of(products: Sequence[str]) -> dict[str, Field]:
     }
 
 
-def axes_of(plan: Plan) -> dict[str, Any]:
-    """Return the coordinates of the axes that the samples of a plan share."""
+def axes_of(plan: Plan) -> dict[str, tuple[tuple[str, ...], Any]]:
+    """Return the coordinates that the samples of a plan share, with their axes."""
     found: dict[str, Any] = {
         "joint": JOINT_NAMES,
         "coordinate": ("x", "y", "z"),
@@ -178,7 +174,10 @@ def axes_of(plan: Plan) -> dict[str, Any]:
         found |= {"tx_m": array.tx_m, "rx_m": array.rx_m}
     if plan.keeps_images:
         found |= {name: getattr(plan.image.grid, name) for name in ("x_m", "y_m", "z_m")}
-    return found
+    return {
+        name: ((name[:2], *_XYZ) if name in ("tx_m", "rx_m") else (name,), values)
+        for name, values in found.items()
+    }
 
 
 # Writing
@@ -193,7 +192,7 @@ def new_shard(path: Path, plan: Plan) -> Iterator[ShardWriter]:
         replacing(path, force=True) as temporary,
         h5py.File(temporary, "x", libver=LIBRARY) as file,
     ):
-        writer = ShardWriter(file, temporary, plan.output.compression)
+        writer = ShardWriter(file, temporary, plan)
         yield writer
         writer.finish()
 
@@ -201,19 +200,10 @@ def new_shard(path: Path, plan: Plan) -> Iterator[ShardWriter]:
 class ShardWriter:
     """Writes a shard one sample after the other; their arrays are not kept in memory."""
 
-    def __init__(self, file: Any, path: Path, compression: int) -> None:
-        self._file, self._path = file, path
-        self._filters = {
-            "compression": "gzip", "compression_opts": compression, "shuffle": True,
-            "fletcher32": True, "track_times": False,
-        }  # fmt: skip
-        self._labels: dict[str, list[Any]] = {}
-        self._first: dict[str, list[int]] = {}
+    def __init__(self, file: Any, path: Path, plan: Plan) -> None:
+        self._file, self._path, self._plan = file, path, plan
+        self._labels: dict[str, list[Any]] = {name: [] for name in labels_of(plan)}
         self._failed: list[str] = []
-        file.attrs.update(
-            NX_class="NXroot", default="entry", clradar_format=FORMAT, clradar_version=VERSION
-        )
-        self._group("entry", NX_class="NXentry")
 
     def fail(self, aside: Aside) -> None:
         """Note that a sample could not be made."""
@@ -226,92 +216,73 @@ class ShardWriter:
         free = self._path.with_name(f"{self._path.stem}-space.tmp")
         require_space(free, size_bytes + SPARE_BYTES)
         drawn = read_recipe(sample.recipe)
-        if not self._labels:
-            self._begin(drawn.plan, sample.arrays)
+        row = len(self._labels["sample"])
         for name, values in self._labels.items():
             value = LABELS[name].value
             values.append(to_json(name, made_with) if value is None else value(drawn))
-        for name, first in self._first.items():
-            array = sample.arrays[name] if ARRAYS[name].ragged else sample.arrays[name][None]
-            data, end = self._file[ARRAYS[name].place], first[-1] + len(array)
-            data.resize(end, axis=0)
-            data[first[-1] :] = array
-            data.flush()  # as in `_dataset`
-            first.append(end)
-
-    def _begin(self, plan: Plan, arrays: Mapping[str, np.ndarray]) -> None:
-        """Make the groups and the empty arrays of all samples, with their axes."""
-        self._labels = {name: [] for name in labels_of(plan)}
-        self._group("entry/labels", NX_class="NXcollection")
-        coordinates = self._group("entry/axes", NX_class="NXcollection")
-        for name, values in axes_of(plan).items():
-            units = {"m": "m", "hz": "Hz"}.get(name.rpartition("_")[2])
-            self._dataset(Field(f"entry/axes/{name}", (), units, name), values)
-        fields = {name: field for name, field in ARRAYS.items() if name in arrays}
-        # What viewers draw at once.
-        drawn = [name for name in ("max_projection", "depth_map", *fields) if name in fields]
-        self._file["entry"].attrs["default"] = fields[drawn[0]].place.split("/")[1]
-        for name, field in fields.items():
-            place, signal = field.place.rsplit("/", 1)
-            if place not in self._file:
-                axes = {} if field.ragged else {"axes": ["sample", *field.axes]}
-                title = {"signal": signal, "title": field.long_name}
-                group = self._group(place, NX_class="NXdata", **title, **axes)
-                for axis in (*field.axes, *(("tx_m", "rx_m") if name == "capture" else ())):
-                    if axis in coordinates:
-                        group[axis] = coordinates[axis]
-            shape = arrays[name].shape[1:] if field.ragged else arrays[name].shape
-            made = self._made(
-                field, shape=(0, *shape), maxshape=(None, *shape), dtype=arrays[name].dtype,
-                chunks=(RAGGED_ROWS if field.ragged else 1, *shape),
-            )  # fmt: skip
-            if field.axes[-2:] == ("y_m", "x_m"):
-                made.attrs["interpretation"] = "image"
-            self._first[name] = [0]
+        for name, array in sample.arrays.items():
+            if name.startswith(MESH):
+                self._write(_mesh_place(drawn.sample, name), ARRAYS[name], array)
+                continue
+            if name not in self._file:
+                shape = array.shape
+                sizes = {"maxshape": (None, *shape), "chunks": (1, *shape)}
+                self._write(name, ARRAYS[name], array[None][:0], **sizes)
+            data = self._file[name]
+            data.resize(row + 1, axis=0)
+            data[row] = array
+            data.flush()  # as in `_write`
 
     def finish(self) -> None:
-        """Write labels, where ragged arrays begin, and what failed."""
+        """Write labels, axes, and what failed."""
+        attributes = {"clradar_format": FORMAT, "clradar_version": VERSION}
+        self._file.attrs.update(attributes, Conventions="CF-1.11")
+        if self._failed:
+            self._write(FAILED[VERSION], Field((), None, "what failed, and why"), self._failed)
+        if not self._labels["sample"]:
+            return
+        axes = {}
         for name, given in self._labels.items():
             label = LABELS[name]
             values = given if label.dtype == "text" else np.array(given, dtype=label.dtype)
-            made = self._dataset(label, values)
-            if label.axes:
-                made.attrs["axes"] = ["sample", *label.axes]
-        for name, first in self._first.items():
-            place = ARRAYS[name].place
-            if ARRAYS[name].ragged:
-                title = f"where {place.rsplit('/', 1)[1]} begin, and end"
-                self._dataset(Field(f"{place}_first", (), None, title), np.array(first, np.int64))
-            group = self._file[place].parent
-            if "sample" not in group:
-                group["sample"] = self._file["entry/labels/sample"]
-        if self._failed:
-            self._dataset(Field(FAILED, (), None, "what failed, and why, JSON"), self._failed)
+            self._write(name, label, values)
+            axes[name] = ("sample", *label.axes)
+        for name, (own, values) in axes_of(self._plan).items():
+            units = {"m": "m", "hz": "Hz"}.get(name.rpartition("_")[2])
+            self._write(name, Field((), units, name), values)
+            axes[name] = own
+        axes |= {name: ("sample", *ARRAYS[name].axes) for name in ARRAYS if name in self._file}
+        for name in axes:
+            if axes[name] == (name,):
+                self._file[name].make_scale(name)
+        for name, own in axes.items():
+            for i, axis in enumerate(own):
+                if axis != name:
+                    self._file[name].dims[i].attach_scale(self._file[axis])
+        shared = [name for name in ("tx_m", "rx_m") if name in axes]
+        self._file.attrs["coordinates"] = " ".join((*NAMES, *shared))
 
-    def _group(self, name: str, **attributes: Any) -> Any:
-        group = self._file.create_group(name)
-        group.attrs.update(attributes)
-        return group
+    def _write(self, place: str, field: Field, values: Any, **sizes: Any) -> None:
+        import h5py
 
-    def _dataset(self, field: Field, values: Any) -> Any:
-        if not isinstance(values, np.ndarray):  # texts: UTF-8 of a fixed length
-            import h5py
-
+        is_text = not isinstance(values, np.ndarray)
+        if is_text:  # UTF-8 of a fixed length
             encoded = np.char.encode(values, "utf-8")
             values = encoded.astype(h5py.string_dtype("utf-8", encoded.itemsize))
-        made = self._made(field, data=values, chunks=values.shape)
+        made = self._file.create_dataset(
+            place, data=values, **{"chunks": values.shape, **sizes}, shuffle=True, fletcher32=True,
+            compression="gzip", compression_opts=self._plan.output.compression, track_times=False,
+        )  # fmt: skip
+        made.attrs["long_name"] = field.long_name
+        if field.units is not None:
+            made.attrs["units"] = field.units
+        if is_text:
+            made.attrs["_Encoding"] = "utf-8"
         made.flush()  # else its place in the file would depend on when Python closes it
-        return made
 
-    def _made(self, field: Field, **how: Any) -> Any:
-        made = self._file.create_dataset(field.place, **how, **self._filters)
-        units, name = field.units, field.long_name
-        # Viewers write one or the other; names of axes have their unit already.
-        own = units is None or name.endswith(f"_{units}")
-        made.attrs["long_name"] = name if own else f"{name} ({units})"
-        if units is not None:
-            made.attrs["units"] = units
-        return made
+
+def _mesh_place(sample: int, name: str) -> str:
+    return f"mesh/{sample}/{name.removeprefix(MESH)}"
 
 
 # Reading
@@ -331,37 +302,47 @@ def opened_shard(path: Path) -> Iterator[Any]:
         yield file
 
 
+def place_of(file: Any, name: str) -> str:
+    """Return the place of an array, but of a mesh, or of a label in an open shard."""
+    if file.attrs["clradar_version"] > 1:
+        return name
+    return f"entry/labels/{name}" if name in LABELS else f"entry/{name}/data"
+
+
 def samples_of(file: Any) -> list[int]:
     """Return the numbers of the samples in an open shard."""
-    place = LABELS["sample"].place
+    place = place_of(file, "sample")
     return file[place][:].tolist() if place in file else []
 
 
 def failed_of(file: Any) -> dict[int, Aside]:
     """Return the samples that failed, and why, by their numbers."""
-    found = (Aside(**json.loads(text)) for text in (file[FAILED][:] if FAILED in file else ()))
+    texts = file.get(FAILED[file.attrs["clradar_version"]], ())
+    found = (Aside(**json.loads(text)) for text in texts)
     return {aside.sample: aside for aside in found}
 
 
 def read_array(file: Any, name: str, row: int) -> Any:
     """Return one of `ARRAYS` of the sample in a row of an open shard."""
-    place = ARRAYS[name].place
-    if ARRAYS[name].ragged:
-        first, end = file[f"{place}_first"][row : row + 2].tolist()
-        return file[place][first:end]
-    return file[place][row]
+    if not name.startswith(MESH):
+        return file[place_of(file, name)][row]
+    if file.attrs["clradar_version"] > 1:
+        return file[_mesh_place(samples_of(file)[row], name)][:]
+    place = f"entry/mesh/{name.removeprefix(MESH)}"  # of all samples, one after the other
+    first, end = file[f"{place}_first"][row : row + 2].tolist()
+    return file[place][first:end]
 
 
-def read_sample(path: Path, sample: int, plan: Plan) -> tuple[Sample, dict[str, Any]]:
+def read_stored(path: Path, sample: int, plan: Plan) -> tuple[Sample, dict[str, Any]]:
     """Return a stored sample of a plan, and the versions and the device that made it."""
     with opened_shard(path) as file:
         there = samples_of(file)
         if there.count(sample) != 1:
             fail(path, f"sample {sample} once", f"{there.count(sample)} times")
         row = there.index(sample)
-        stored = [name for name, field in ARRAYS.items() if field.place in file]
-        arrays = {name: read_array(file, name, row) for name in stored}
-        made_of = json.loads(file[LABELS["recipe"].place][row])
+        arrays = {name: read_array(file, name, row) for name in arrays_of(plan.output.products)}
+        texts = (file[place_of(file, name)][row] for name in ("recipe", "made_with"))
+        made_of, made_with = map(json.loads, texts)
         if made_of["version"] != RECIPE_VERSION:  # of clradar 0.2, which had other keys
             made_of = recipe(plan, sample)
-        return Sample(made_of, arrays), json.loads(file[LABELS["made_with"].place][row])
+        return Sample(made_of, arrays), made_with

@@ -21,7 +21,7 @@ import measurement_io
 from clradar.dataset import Sample
 from clradar.dataset.folder import is_dataset, read_manifest
 from clradar.dataset.sample import SamplePlan, read_recipe
-from clradar.dataset.shards import read_sample
+from clradar.dataset.shards import read_stored
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import fail
 from clradar.files.json_file import read_json_object
@@ -289,7 +289,7 @@ class SampleFrames(Source):
         super().__init__(folder.name or folder.absolute().name)
         self.grows, self._folder = watch, folder
         self.truth = self._truth_of
-        self._sample = lru_cache(maxsize=8)(self._read_sample)
+        self._sample = lru_cache(maxsize=8)(self._sample_of)
         self._take_in()
         if not self._there and not watch:
             fail(folder, "a data set with at least one sample", "none")
@@ -338,9 +338,9 @@ class SampleFrames(Source):
         stored = self._manifest.stored
         self._there = {n: self._there.get(n, (f"sample {n}", now_s)) for n in stored}
 
-    def _read_sample(self, frame: int) -> Sample:
+    def _sample_of(self, frame: int) -> Sample:
         shard = self._folder / self._manifest.place_of(frame)
-        return read_sample(shard, frame, self._manifest.plan)[0]
+        return read_stored(shard, frame, self._manifest.plan)[0]
 
 
 def _recipe_lines(drawn: SamplePlan) -> tuple[str, ...]:

@@ -87,11 +87,11 @@ ASIDE = {"sample": 3, "reason": "why", "attempts": 2}
         (manifest(plan={"samples": 0}), "manifest.json: samples: expected a whole number"),
         (manifest(set_aside=[{**ASIDE, "sample": "2"}]), "set_aside[0].sample: expected a whole"),
         (manifest(set_aside=[ASIDE]), "expected the samples 4, 5, got 3, 4, 5"),
-        (changed("entry/labels/sample", lambda a: a + 1), "the samples 3, 4, 5, got 4, 5, 6"),
-        (changed("entry/labels/alpha", None), "labels/alpha: expected one for each sample"),
-        (changed("entry/joints/data", with_nan), "joints: expected finite numbers"),
-        (changed("entry/joints/data", None), "shard-00001.h5: expected a shard of a data set"),
-        (changed("entry/mesh/vertices", with_nan), "mesh_vertices: expected finite"),
+        (changed("sample", lambda a: a + 1), "the samples 3, 4, 5, got 4, 5, 6"),
+        (changed("alpha", None), "alpha: expected one for each sample"),
+        (changed("joints", with_nan), "joints: expected finite numbers"),
+        (changed("joints", None), "shard-00001.h5: expected a shard of a data set"),
+        (changed("mesh/4/vertices", with_nan), "mesh_vertices: expected finite"),
     ],
 )
 def test_damage_is_found(light_copy, damage, words):
