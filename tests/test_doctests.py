@@ -28,11 +28,19 @@ PACKAGES = (
     "measurement_io",
     "calibration",
 )
-PLAN = """samples = 2
+FILES = {
+    "plan.toml": """samples = 2
 poses.names = ["A", "B"]
 output.products = ["joints"]
-"""
-"""What the examples of data sets have as plan.toml."""
+""",
+    "cross60.toml": """[[tx]]
+line = { first_m = [-0.0275, 0, 0], last_m = [0.0275, 0, 0], n = 12 }
+[[rx]]
+line = { first_m = [0, -0.0375, 0], last_m = [0, 0.0375, 0], n = 16 }
+""",
+    "motion.toml": "[[body]]\nvelocity_mm_per_s = [0, 0, 500]",
+}
+"""What the examples read."""
 
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 
@@ -95,7 +103,8 @@ def namespace() -> dict[str, Any]:
 @pytest.mark.parametrize("name", [n for n in DOCUMENTED if n not in LONG] + nightly(LONG))
 def test_example(name, tmp_path, monkeypatch, namespace):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "plan.toml").write_text(PLAN)
+    for file, text in FILES.items():
+        (tmp_path / file).write_text(text)
     item = DOCUMENTED[name]
     own, *methods = doctest.DocTestFinder().find(item, name, module=False, globs=dict(namespace))
     assert own.examples or inspect.isclass(item), f"{name} has no example in its docstring"

@@ -17,7 +17,13 @@ from clradar.model import AntennaArray
 
 
 def read_array(path: str | os.PathLike[str]) -> AntennaArray:
-    """Return the array of a TOML file; docs/arrays.md has its keys."""
+    """Return the array of a TOML file; docs/arrays.md has its keys.
+
+    Examples
+    --------
+    >>> clradar.arrays.read_array("cross60.toml").n_tx
+    12
+    """
     return _only(read_clusters(path), path)
 
 
@@ -26,6 +32,11 @@ def read_clusters(path: str | os.PathLike[str]) -> tuple[AntennaArray, ...]:
 
     A Tx then is measured with the Rx of its own pose only: each pose has a capture of its own, of
     all of which `clradar.backproject` makes one image. Without that key it is one array.
+
+    Examples
+    --------
+    >>> len(clradar.arrays.read_clusters("cross60.toml"))
+    1
     """
     path = Path(path)
     expected = "an antenna array (a TOML file, see docs/arrays.md)"

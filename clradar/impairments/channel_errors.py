@@ -81,6 +81,11 @@ def draw_channels(
     Returns
     -------
     ChannelResponse
+
+    Examples
+    --------
+    >>> clradar.draw_channels(capture.array, capture.waveform, dead_rx=[0]).rx_gain
+    array([0.+0.j])
     """
     checks.instance("draw_channels: array", array, AntennaArray)
     checks.instance("draw_channels: waveform", waveform, Waveform)

@@ -204,6 +204,12 @@ def impair(
     -------
     Capture
         `meta["impairments"]` is a list with one mapping per call: all settings as they were used.
+
+    Examples
+    --------
+    >>> noisy = clradar.impair(capture, snr_db=20, seed=1)
+    >>> noisy.meta["impairments"][0]["snr_db"]
+    20.0
     """
     checks.instance("impair: capture", capture, Capture)
     n_tx, n_rx = capture.array.n_tx, capture.array.n_rx

@@ -229,7 +229,13 @@ class Motion:
 
 
 def read_motion(path: str | os.PathLike[str]) -> Motion:
-    """Return what a motion file says; docs/movement.md has the format."""
+    """Return what a motion file says; docs/movement.md has the format.
+
+    Examples
+    --------
+    >>> clradar.read_motion("motion.toml").bodies[""].at(0.1)[:3, 3].tolist()
+    [0.0, 0.0, 0.05]
+    """
     path, expected = Path(path), "a motion (a TOML file, see docs/movement.md)"
     found, hands, files = read_record(path, MotionFile, expected), list[MovingHand](), [path]
     for i, hand in enumerate(found.hand):
