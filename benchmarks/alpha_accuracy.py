@@ -17,7 +17,7 @@ import numpy as np
 from study import ARRAY, WAVEFORM, Row, parser, run, summarize
 
 import clradar
-from calibration.roughness.alpha import estimate_alpha
+from calibration.roughness.estimates import estimate_alpha
 from calibration.roughness.meters import BrightnessMeter, surface_points
 from clradar.hand import hand_mesh
 from clradar.jobs.job import FolderStore

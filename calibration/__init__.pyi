@@ -30,8 +30,10 @@ from .registration.alignment import Alignment as Alignment
 from .registration.beyond_noise import Place as Place
 from .registration.closed_loop import Registration as Registration, Round as Round
 from .registration.register import register as register
-from .roughness.alpha import AlphaEstimate as AlphaEstimate
-from .roughness.millimetres import RoughnessEstimate as RoughnessEstimate
+from .roughness.estimates import (
+    AlphaEstimate as AlphaEstimate,
+    RoughnessEstimate as RoughnessEstimate,
+)
 from .roughness.regions import Regions as Regions
 from .roughness.roughness_sweep import (
     RoughnessSweep as RoughnessSweep,

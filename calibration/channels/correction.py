@@ -76,25 +76,20 @@ def correct(
 
 
 def _check_same(capture: Capture, calibration: ChannelCalibration) -> None:
+    differs = ""
     for side in ("tx", "rx"):
         have, want = (getattr(one.array, f"{side}_m") for one in (capture, calibration))
-        differs = f"{len(have)} {side.title()} in place of {len(want)}"
-        if len(have) == len(want):
-            off_m = np.linalg.norm(have - want, axis=1)
-            if off_m.max() <= POSITION_TOLERANCE_M:
-                continue
+        if len(have) != len(want):
+            differs = f"{len(have)} {side.title()} in place of {len(want)}"
+        elif (off_m := np.linalg.norm(have - want, axis=1)).max() > POSITION_TOLERANCE_M:
             worst = int(off_m.argmax())
             differs = f"{side.title()} {worst} is {1e3 * off_m[worst]:.4g} mm away"
-        raise CalibrationError(
-            "correct: expected a capture of the array that was calibrated "
-            f"('{calibration.array.name}'), got another ('{capture.array.name}'): {differs}"
-        )
     if not capture.waveform.same_frequencies(calibration.waveform):
         all_ghz = (x.waveform.frequencies_hz / 1e9 for x in (capture, calibration))
-        have, want = (
-            f"{ghz.size} frequencies from {ghz[0]:.9g} to {ghz[-1]:.9g} GHz" for ghz in all_ghz
-        )
+        ends = (f"{ghz.size} from {ghz[0]:.9g} to {ghz[-1]:.9g} GHz" for ghz in all_ghz)
+        differs = "frequencies {} in place of {}".format(*ends)
+    if differs:
         raise CalibrationError(
-            f"correct: expected a capture of the waveform that was calibrated ({want}), "
-            f"got another ({have})"
+            "correct: expected a capture of the array and waveform that were calibrated "
+            f"('{calibration.array.name}'), got another ('{capture.array.name}'): {differs}"
         )

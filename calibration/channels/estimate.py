@@ -11,7 +11,7 @@ from calibration.channels import fit
 from calibration.channels.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError, ModelError, warn
-from clradar.model import Capture, ChannelCalibration, ChannelResponse, checks
+from clradar.model import Capture, ChannelCalibration, ChannelResponse, Waveform, checks
 from clradar.model.progress import Progress
 
 COMMON_DELAYS = ("zero", "free")
@@ -21,14 +21,11 @@ MIN_PAIRS = 3  # with an echo, for the estimate of a channel
 MIN_CHANNELS = 3  # live, on either side: two by two channels fit three of any four phases
 SEARCHED = 2.0  # range of the search about the nominal range, in tolerances
 DETECTABLE = 5.0  # smallest gain that counts as an echo, in standard deviations
+DEAD_DB = 20.0  # below the median gain of its side, a channel is dead
 MAX_OUTLYING = 0.15  # share of the pairs; for wrong targets it is a third and more
+NOISY_DB = 6.0  # above the median noise of its side, a channel is noisy
 QUIET = 1e-3  # -60 dB of the echo: with less noise no channel is noisy, whatever the others have
-
-MIN_CELLS, MAX_CELLS = 1.0, 4.0
-"""Half width of a gate in resolution cells 1 / bandwidth. Below the minimum nothing is rejected; at
-the maximum other echoes are more than 90 dB down, and more width would only cost resolution."""
-
-CONCENTRATED = 0.5  # of the largest eigenvalue: eigenvectors with as much span the gate
+MAX_RESIDUAL_DB = -10.0  # energy beyond noise that a target may leave, relative to the echoes'
 
 UNEXPLAINED_DB, NEGLIGIBLE_DB = 10.0, -60.0
 """A residual so far above that of noise alone is warned of, unless it is below the second, which
@@ -39,15 +36,10 @@ def estimate_channels(
     capture: Capture,
     target: Target,
     *,
-    refine_position: bool = True,
     position_tolerance_m: float = 0.010,
     tilt_tolerance_deg: float = 2.0,
     max_delay_s: float = 100e-12,
     common_delay: str = "zero",
-    gate_m: float | None = None,
-    dead_db: float = 20.0,
-    noisy_db: float = 6.0,
-    max_residual_db: float = -10.0,
     progress: Progress | None = None,
 ) -> ChannelCalibration:
     """Estimate gain and delay of every channel, and the pose of the target.
@@ -57,26 +49,17 @@ def estimate_channels(
     Parameters
     ----------
     capture : Capture
-        Of the target, with as few other echoes as possible.
+        Of the target, with as few other echoes as possible: `range_gate`.
     target : FlatPlate, Sphere or CornerReflector
         In its nominal pose.
-    refine_position : bool
-        Estimate the pose, too (position, or a plate's distance and tilt).
     position_tolerance_m, tilt_tolerance_deg : float
-        Standard deviations of the nominal pose; the estimate may be up to three times as far off.
+        Standard deviations of the nominal pose, which is estimated, too (position, or a plate's
+        distance and tilt), and may be up to three times as far off.
     max_delay_s : float
         Largest delay of a pair of channels in the search.
     common_delay : "zero" or "free"
         What delays scatter about: zero, or an unknown delay, with which the range of a corner
         reflector stays nominal.
-    gate_m : float, optional
-        Use only echoes whose range is at most this far from the target's: more than the tolerance
-        and the delays.
-    dead_db, noisy_db : float
-        A channel is dead with this much less gain than the median of its side, or an echo below
-        five standard deviations of its noise; noisy with this much more noise than the median.
-    max_residual_db : float
-        Largest residual energy relative to the echoes', summed over the frequencies of each pair.
 
     Returns
     -------
@@ -98,7 +81,7 @@ def estimate_channels(
     >>> echo = calibration.response(plate, array, waveform := clradar.Waveform.sfcw(72e9, 82e9, 16))
     >>> echo[3] *= 2 * np.exp(1j * np.radians(6))
     >>> capture = clradar.Capture(echo, array, waveform)
-    >>> channels = calibration.estimate_channels(capture, plate, refine_position=False)
+    >>> channels = calibration.estimate_channels(capture, plate)
     >>> ratio = channels.response.tx_gain[3] / channels.response.tx_gain[0]
     >>> print(f"{abs(ratio):.3f} at {np.degrees(np.angle(ratio)):.2f} degrees")
     2.000 at 6.00 degrees
@@ -112,21 +95,19 @@ def estimate_channels(
     }
     max_delay_s = checks.positive(f"{name}: max_delay_s", max_delay_s)
     checks.one_of(f"{name}: common_delay", common_delay, COMMON_DELAYS)
-    dead_db = checks.dynamic_range(f"{name}: dead_db", dead_db)
-    noisy_db = checks.dynamic_range(f"{name}: noisy_db", noisy_db)
-    max_residual_db = checks.real(f"{name}: max_residual_db", max_residual_db)
     # A displaced target changes the delay by twice the displacement over c.
     search_s = max_delay_s + 2 * SEARCHED * tolerances["m"] / SPEED_OF_LIGHT_M_PER_S
-    samples = _samples(capture, gate_m, search_s)
+    _check_steps(capture.waveform, search_s)
+    samples = fit.Samples(capture.data, capture.waveform.frequencies_hz)
     echo = target.echo(capture.array)
     _check_coverage(echo)
     if not capture.data.any():
         raise CalibrationError(f"{name}: expected an echo, got a capture that is zero everywhere")
     units = [parameter.rsplit("_", 1)[1] for parameter in target.parameter_names]
-    tolerance = np.array([tolerances[unit] for unit in units if refine_position])
+    tolerance = np.array([tolerances[unit] for unit in units])
 
     gain, delay_s = fit.start(samples, echo, search_s)
-    live = _live(samples, echo, gain, delay_s, dead_db)
+    live = _live(samples, echo, gain, delay_s)
     for side, alive in zip(("Tx", "Rx"), live, strict=True):
         if np.count_nonzero(alive) < MIN_CHANNELS:
             raise CalibrationError(
@@ -147,17 +128,14 @@ def estimate_channels(
             f"{name}: the {target.kind} does not explain the capture: its fit leads to an "
             f"impossible pose, or to channels without an echo ({why})"
         ) from error
-    return _calibration(capture, samples, found, live, noisy_db, max_residual_db)
+    return _calibration(capture, samples, found, live)
 
 
-def _samples(capture: Capture, gate_m: float | None, search_s: float) -> fit.Samples:
-    """The capture as the fit takes it, gated around the target with `gate_m`."""
-    frequencies_hz = capture.waveform.frequencies_hz
-    n = frequencies_hz.size
-    if n < MIN_FREQUENCIES:
+def _check_steps(waveform: Waveform, search_s: float) -> None:
+    if waveform.n_freq < MIN_FREQUENCIES:
         expected = f"at least {MIN_FREQUENCIES} frequencies, over which delays are slopes of phase"
-        checks.fail("estimate_channels: capture", expected, f"{n}")
-    longest_hz = float(np.diff(frequencies_hz).max())
+        checks.fail("estimate_channels: capture", expected, f"{waveform.n_freq}")
+    longest_hz = float(np.diff(waveform.frequencies_hz).max())
     if 2 * search_s * longest_hz >= 1:
         checks.fail(
             "estimate_channels: max_delay_s, position_tolerance_m",
@@ -166,32 +144,6 @@ def _samples(capture: Capture, gate_m: float | None, search_s: float) -> fit.Sam
             f"+-{1e12 * search_s:.0f} ps: max_delay_s and the delay of a target that is off by "
             f"{SEARCHED:g} times the tolerance",
         )
-    if gate_m is None:
-        return fit.Samples(capture.data, frequencies_hz, np.full(n, 1.0 / n), None)
-    gate_s = 2 * checks.positive("estimate_channels: gate_m", gate_m) / SPEED_OF_LIGHT_M_PER_S
-    least_s = max(search_s, MIN_CELLS / float(np.ptp(frequencies_hz)))
-    if gate_s < least_s:
-        checks.fail(
-            "estimate_channels: gate_m",
-            f"at least {least_s * SPEED_OF_LIGHT_M_PER_S / 2:.4g} m, enough for max_delay_s "
-            f"and {SEARCHED:g} times the tolerance, and not below the range resolution",
-            f"{gate_m:g} m",
-        )
-    return fit.Samples(capture.data, frequencies_hz, *delay_taper(frequencies_hz, gate_s))
-
-
-def delay_taper(frequencies_hz: np.ndarray, half_width_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Weights over frequency that pass delays up to `half_width_s`, and spectra to measure noise.
-
-    The taper with the largest fraction of its energy within the gate: the first eigenvector of
-    sin(2 pi T (f - f')) / (pi (f - f')), for equal steps the sequence of D. Slepian (doi
-    10.1002/j.1538-7305.1978.tb02104.x). The spectra, shape (n_freq, m), span the gate.
-    """
-    half_width_s = min(half_width_s, MAX_CELLS / float(np.ptp(frequencies_hz)))
-    apart_hz = frequencies_hz[:, None] - frequencies_hz[None, :]
-    values, vectors = np.linalg.eigh(np.sinc(2.0 * half_width_s * apart_hz))
-    taper = np.abs(vectors[:, -1])  # of one sign, but for rounding
-    return taper / taper.sum(), vectors[:, values > CONCENTRATED * values[-1]]
 
 
 def _check_coverage(echo: Echo) -> None:
@@ -209,15 +161,15 @@ def _check_coverage(echo: Echo) -> None:
 
 
 def _live(
-    samples: fit.Samples, echo: Echo, gain: np.ndarray, delay_s: np.ndarray, dead_db: float
+    samples: fit.Samples, echo: Echo, gain: np.ndarray, delay_s: np.ndarray
 ) -> list[np.ndarray]:
     """Which Tx and Rx have an echo, by their gain and its standard deviation due to noise."""
     noise = fit.by_channel(fit.pairs_of(samples, echo, gain, delay_s).scatter, echo.seen)
     tx, rx = np.split(np.abs(gain), [len(samples.data)])
-    strength = echo.seen * samples.count
+    strength = echo.seen * samples.frequencies_hz.size
     live = []
     for own, power, reach in ((tx, noise[0], strength @ rx**2), (rx, noise[1], strength.T @ tx**2)):
-        least = float(np.median(own)) * 10 ** (-dead_db / 20)
+        least = float(np.median(own)) * 10 ** (-DEAD_DB / 20)
         # The first term is for a channel that is zero everywhere: it has no noise, either.
         live.append((own > 0) & (own >= least) & (own**2 * reach > DETECTABLE**2 * power))
     return live
@@ -228,29 +180,28 @@ def _calibration(
     samples: fit.Samples,
     found: fit.ChannelFit,
     live: list[np.ndarray],
-    noisy_db: float,
-    max_residual_db: float,
 ) -> ChannelCalibration:
     """The fit in the gauge of `estimate_channels`, with dead channels filled in."""
     pairs, seen = found.pairs, found.echo.seen
     typical = float(np.median(pairs.model[seen]))
     noise = [np.sqrt(power) / typical for power in fit.by_channel(pairs.total, seen)]
-    noisy = [n > max(QUIET, 10 ** (noisy_db / 20) * float(np.median(n))) for n in noise]
+    noisy = [n > max(QUIET, 10 ** (NOISY_DB / 20) * float(np.median(n))) for n in noise]
     good = seen & ~noisy[0][:, None] & ~noisy[1]
-    outlying, left, by_noise = _residual(found, good, samples.count)
+    outlying, left, by_noise = _residual(found, good, samples.frequencies_hz.size)
     residual_db, noise_residual_db = _decibel(left), _decibel(by_noise)
     # Residual beyond noise, relative to the echoes beyond noise.
     excess_db = _decibel(max(left - by_noise, 0.0) / max(1 - by_noise, by_noise, 1e-30))
-    if excess_db > max_residual_db:
+    if excess_db > MAX_RESIDUAL_DB:
         raise CalibrationError(
             f"estimate_channels: the {found.target.kind} does not explain the capture: "
-            f"{excess_db:.1f} dB of the echoes' energy is left, and at most {max_residual_db:g} dB "
-            "may be. Another target, another position, or other echoes beside it (gate_m)"
+            f"{excess_db:.1f} dB of the echoes' energy is left, and at most {MAX_RESIDUAL_DB:g} dB "
+            "may be. Another target, another position, or other echoes beside it (range_gate)"
         )
     if residual_db > max(noise_residual_db + UNEXPLAINED_DB, NEGLIGIBLE_DB):
         warn(
             f"estimate_channels: {residual_db - noise_residual_db:.0f} dB more is left than by "
-            "noise: other echoes (gate_m, --gate-mm), or a target that differs from its description"
+            "noise: other echoes (range_gate, clean --gate-mm), or a target that differs from its "
+            "description"
         )
     gain, delay_s, phase_std_rad = (
         np.split(one, [len(seen)]) for one in (found.gain, found.delay_s, found.phase_std_rad)
@@ -290,7 +241,7 @@ def _calibration(
 
 
 def _residual(
-    found: fit.ChannelFit, good: np.ndarray, samples_per_pair: float
+    found: fit.ChannelFit, good: np.ndarray, samples_per_pair: int
 ) -> tuple[float, float, float]:
     """Shares of outlying pairs, and of the others' energy that is left, and that noise leaves."""
     square = np.square(np.abs(found.pairs.mean - found.pairs.model))

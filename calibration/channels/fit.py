@@ -37,12 +37,15 @@ _ALTERNATIONS = 50  # of the gains of Tx and Rx
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """The samples of a capture, shape (n_tx, n_rx, n_freq), and how they are read."""
+    """The samples of a capture, shape (n_tx, n_rx, n_freq)."""
 
     data: np.ndarray
     frequencies_hz: np.ndarray
-    weight: np.ndarray  # of the frequencies; their sum is 1
-    basis: np.ndarray | None  # orthonormal spectra for noise, shape (n_freq, m); None for all
+
+    @property
+    def weight(self) -> np.ndarray:
+        """Of the frequencies, whose means are sums."""
+        return np.full(self.frequencies_hz.size, 1.0 / self.frequencies_hz.size)
 
     @property
     def reference_hz(self) -> float:
@@ -50,28 +53,17 @@ class Samples:
 
     @property
     def offset_rad_per_s(self) -> np.ndarray:
-        """2 pi (f - reference), whose weighted sum is zero."""
+        """2 pi (f - reference), whose sum is zero."""
         return np.asarray(2 * np.pi * (self.frequencies_hz - self.reference_hz))
 
     @property
     def spread_rad_per_s(self) -> float:
-        """Root of the weighted mean square of `offset_rad_per_s`."""
+        """Root mean square of `offset_rad_per_s`."""
         return float(np.sqrt(self.weight @ self.offset_rad_per_s**2))
-
-    @property
-    def count(self) -> float:
-        """Effective number of samples: the reciprocal of the summed squared weights."""
-        return float(1.0 / (self.weight @ self.weight))
-
-    def energy(self, spectra: np.ndarray) -> np.ndarray:
-        """Energy of spectra, shape (n, n_freq), in `basis`."""
-        inside = spectra if self.basis is None else spectra @ self.basis
-        return np.asarray((inside.real**2 + inside.imag**2).sum(axis=1))
 
     def power(self) -> np.ndarray:
         """Power of one sample of each pair, shape (n_tx, n_rx)."""
-        n = self.frequencies_hz.size if self.basis is None else self.basis.shape[1]
-        return np.stack([self.energy(row.astype(np.complex128)) / n for row in self.data])
+        return np.stack([energy(row.astype(np.complex128)) / row.shape[1] for row in self.data])
 
     def flattened(self, length_m: np.ndarray, delay_s: np.ndarray) -> Iterator[np.ndarray]:
         """Yield per Tx, shape (n_rx, n_freq), the samples without paths and delays."""
@@ -104,7 +96,12 @@ class ChannelFit:
     echo: Echo
     pairs: Pairs
     noise: np.ndarray  # of one sample, shape (n_tx, n_rx), from the channels'
-    covariance: np.ndarray  # of the pose in its units, 0 if it is fixed
+    covariance: np.ndarray  # of the pose in its units
+
+
+def energy(spectra: np.ndarray) -> np.ndarray:
+    """Of each row."""
+    return np.asarray((spectra.real**2 + spectra.imag**2).sum(axis=1))
 
 
 def start(samples: Samples, echo: Echo, search_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -192,14 +189,14 @@ def fit_channels(
 ) -> ChannelFit:
     """Refine a start: reduce the capture around it, fit pose and channels, and go on from there.
 
-    `tolerance` are standard deviations of the pose in its units, none where it is fixed; with
-    `zero_mean` delays scatter about zero, else about an unknown common delay.
+    `tolerance` are standard deviations of the pose in its units; with `zero_mean` delays scatter
+    about zero, else about an unknown common delay.
     """
     nominal = target.parameters
     moved = np.zeros(tolerance.size)
 
     def placed(away: np.ndarray) -> Target:
-        return target.placed(nominal + away * tolerance) if away.size else target
+        return target.placed(nominal + away * tolerance)
 
     progress = progress or silent
     for iteration in range(MOST_STEPS):
@@ -220,22 +217,20 @@ def fit_channels(
             there, steps = residuals(away), _DIFFERENCE * np.eye(away.size)
             return np.stack([(residuals(away + s) - there) / _DIFFERENCE for s in steps], axis=1)
 
-        before, covariance = moved, np.zeros((0, 0))
-        if moved.size:
-            ends = (-CAPTURE_RANGE, CAPTURE_RANGE)
-            found = least_squares(residuals, moved, slopes, ends, x_scale=1.0, max_nfev=50)
-            moved, covariance = found.x, np.linalg.inv(found.jac.T @ found.jac)
-            worst = int(np.abs(moved).argmax())
-            if abs(moved[worst]) > 0.99 * CAPTURE_RANGE:  # the solver stays within
-                name, unit = target.parameter_names[worst].rsplit("_", 1)
-                scale, unit = (1e3, "mm") if unit == "m" else (1.0, "degrees")
-                step = scale * tolerance[worst]
-                raise CalibrationError(
-                    f"estimate_channels: the {target.kind} is not in its nominal position, or is "
-                    f"another: expected {name} {scale * nominal[worst]:.4g} {unit} within "
-                    f"{CAPTURE_RANGE * step:.3g} {unit}, the fit leads "
-                    f"{moved[worst] * step:+.3g} {unit} away and on"
-                )
+        ends, before = (-CAPTURE_RANGE, CAPTURE_RANGE), moved
+        found = least_squares(residuals, moved, slopes, ends, x_scale=1.0, max_nfev=50)
+        moved, covariance = found.x, np.linalg.inv(found.jac.T @ found.jac)
+        worst = int(np.abs(moved).argmax())
+        if abs(moved[worst]) > 0.99 * CAPTURE_RANGE:  # the solver stays within
+            name, unit = target.parameter_names[worst].rsplit("_", 1)
+            scale, unit = (1e3, "mm") if unit == "m" else (1.0, "degrees")
+            step = scale * tolerance[worst]
+            raise CalibrationError(
+                f"estimate_channels: the {target.kind} is not in its nominal position, or is "
+                f"another: expected {name} {scale * nominal[worst]:.4g} {unit} within "
+                f"{CAPTURE_RANGE * step:.3g} {unit}, the fit leads {moved[worst] * step:+.3g} "
+                f"{unit} away and on"
+            )
         longer_m = placed(moved).echo(array).length_m - echo.length_m
         gains, later, _ = best(longer_m)
         gain = gain * np.exp(np.clip(gains.real, -1.0, 1.0) + 1j * gains.imag)
@@ -252,10 +247,9 @@ def fit_channels(
     progress(MOST_STEPS, MOST_STEPS)
     target = placed(moved)
     echo = target.echo(array)
-    every = np.zeros((nominal.size, nominal.size))
-    every[: moved.size, : moved.size] = covariance * np.outer(tolerance, tolerance)
+    covariance = covariance * np.outer(tolerance, tolerance)
     pairs = pairs_of(samples, echo, gain, delay_s)
-    return ChannelFit(gain, delay_s, std, target, echo, pairs, noise, every)
+    return ChannelFit(gain, delay_s, std, target, echo, pairs, noise, covariance)
 
 
 def pairs_of(samples: Samples, echo: Echo, gain: np.ndarray, delay_s: np.ndarray) -> Pairs:
@@ -269,23 +263,20 @@ def pairs_of(samples: Samples, echo: Echo, gain: np.ndarray, delay_s: np.ndarray
         mean, slope = turned @ samples.weight, turned @ (samples.weight * late)
         left = turned - mean[:, None] - slope[:, None] * late
         beside = turned - model[i][:, None]
-        found.append((mean, slope, samples.energy(left), samples.energy(beside)))
+        found.append((mean, slope, energy(left), energy(beside)))
     mean, slope, scatter, total = (np.stack(rows) for rows in zip(*found, strict=True))
-    # Energy of unit white noise, as it is and without mean and slope.
-    every, shapes = np.eye(late.size), np.stack([np.ones_like(late), late])
-    bare = samples.energy(every).sum()
-    flat = samples.energy(every - (shapes * samples.weight).T @ shapes).sum()
-    return Pairs(mean, slope, model, scatter / flat, total / bare)
+    # Mean and slope take two degrees of freedom.
+    return Pairs(mean, slope, model, scatter / (late.size - 2), total / late.size)
 
 
 def _weights(samples: Samples, pairs: Pairs, noise: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Information of each pair about its phase, 1/rad^2, with Tukey's weight against outliers."""
-    square = np.abs(pairs.mean - pairs.model) ** 2 * samples.count / noise
+    square = np.abs(pairs.mean - pairs.model) ** 2 * samples.frequencies_hz.size / noise
     # The squared magnitude of complex noise has the median ln 2. A larger one is model error: other
     # echoes, or a target whose position is not yet refined.
     excess = max(1.0, float(np.median(square[seen])) / np.log(2.0))
     tukey = np.maximum(np.maximum(1.0 - square / excess / TUKEY_CUTOFF**2, 0.0) ** 2, LEAST_WEIGHT)
-    information = 2 * samples.count * pairs.model**2 / (noise * excess)
+    information = 2 * samples.frequencies_hz.size * pairs.model**2 / (noise * excess)
     return np.asarray(information * tukey * seen)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, MutableMapping
+from dataclasses import fields
 from hashlib import sha256
 from typing import Any, ClassVar
 
@@ -12,6 +13,7 @@ from pydantic_core import to_json
 from calibration.roughness.regions import Regions
 from clradar.errors import CompareError, warn
 from clradar.model import Scene, checks
+from clradar.model.record import plain
 
 SEEDS = 3
 WHOLE = "all"
@@ -28,6 +30,7 @@ class Estimates:
     __slots__ = ()
 
     wanted: ClassVar[str]
+    drawn: ClassVar[tuple[str, ...]] = ()  # fields that are images
     estimates: tuple[Any, ...]
 
     def remarks(self) -> tuple[str, ...]:
@@ -45,6 +48,13 @@ class Estimates:
         for one in self.estimates:
             lines += [f"{self._name_of(one)}: {one.text()}", *(f"  {r}" for r in one.remarks())]
         return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers in types that strict JSON has; None stands for NaN."""
+        own: Any = self
+        shown = (f.name for f in fields(own) if f.name not in (*self.drawn, "estimates"))
+        estimates = {one.name: one.to_dict() for one in self.estimates}
+        return {**plain({name: getattr(self, name) for name in shown}), "estimates": estimates}
 
     def warn(self) -> None:
         for remark in self.remarks():

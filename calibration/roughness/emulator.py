@@ -31,9 +31,7 @@ MEAN_LOG_CHI2 = -1.27  # of the square of a standard normal number
 UNLIKELY = 1e-3  # of as bad a fit: below it no simulation looks like the measurement
 LEVELS = (0.025, 0.16, 0.5, 0.84, 0.975)  # of 95 % and 68 % of the probability, and the median
 
-EDGE_SHARE, EDGE_PROBABILITY = 1.15, 0.05
-"""A quantity that is within this ratio of an end of its range with more than this probability is
-bounded by the range on that side."""
+EDGE = 0.1  # of the highest probability, above which the truth may lie beyond an end of the range
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +78,10 @@ class Interval:
         return f"{value} {unit}".rstrip()
 
 
-def at_ends(values: np.ndarray, probability: np.ndarray) -> tuple[bool, bool]:
-    """Whether values, of any order, may lie beyond the lower and the upper end of their range."""
-    low, high = values.min() * EDGE_SHARE, values.max() / EDGE_SHARE
-    shares = (probability[values < low].sum(), probability[values > high].sum())
-    return shares[0] > EDGE_PROBABILITY, shares[1] > EDGE_PROBABILITY
+def at_ends(probability: np.ndarray) -> tuple[bool, bool]:
+    """Whether the truth may lie beyond the lower and the upper end of the range."""
+    first, last = probability[[0, -1]] > EDGE * probability.max()
+    return bool(first), bool(last)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,14 +103,6 @@ class Fit:
             "no simulation has the statistics of the measurement (probability "
             f"{self.probability:.1g}): {instead}, or clutter"
         ]
-
-
-def fit_probability(chi2: float, n: int, freedom: int) -> float:
-    """Of a larger chi squared of n numbers, by a covariance of so many degrees of freedom."""
-    left = freedom - n + 1
-    if n < 1 or left < 1:
-        return math.nan
-    return float(special.fdtrc(n, left, chi2 * left / (n * freedom)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,26 +145,32 @@ class Emulator:
         return design @ self.mean, np.sqrt(own * (1.0 + leverage) + variance)
 
     def log_likelihood(
-        self,
-        statistics: np.ndarray,
-        at: np.ndarray,
-        shift: np.ndarray | float = 0.0,
-        shifts: np.ndarray | float = 0.0,
-        variance: np.ndarray | float = 0.0,
+        self, statistics: np.ndarray, at: np.ndarray, variance: np.ndarray | float = 0.0
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Logarithm of Student's density but for a constant, and chi squared, (..., n_gains) each.
-
-        `shift` is what a gain adds to, 1 or 0; `shifts` are the logarithms of gains to try.
-        """
+        """Logarithm of Student's density but for a constant, and chi squared."""
         mean, spread = self.at(at, variance)
         scale = spread / np.sqrt(np.diag(self.covariance))
-        inverse = np.linalg.inv(np.linalg.cholesky(self.covariance)).T
-        left, gain = (statistics - mean) / scale @ inverse, shift / scale @ inverse
-        squares = (left**2).sum(axis=-1), (left * gain).sum(axis=-1), (gain**2).sum(axis=-1)
-        own, cross, unit = (square[..., None] for square in squares)
-        chi2 = own - 2 * shifts * cross + shifts**2 * unit
+        left = (statistics - mean) / scale @ np.linalg.inv(np.linalg.cholesky(self.covariance)).T
+        chi2 = (left**2).sum(axis=-1)
         density = -0.5 * (self.freedom + 1) * np.log1p(chi2 / self.freedom)
-        return density - np.log(scale).sum(axis=-1)[..., None], chi2
+        return density - np.log(scale).sum(axis=-1), chi2
+
+    def fit(
+        self,
+        names: tuple[str, ...],
+        measured: np.ndarray,
+        at: np.ndarray,
+        n_found: int,
+        n_points: int,
+        variance: np.ndarray | float = 0.0,
+    ) -> Fit:
+        """How well the statistics fit at the best values of so many quantities."""
+        mean, spread = self.at(at, variance)
+        n, chi2 = len(measured) - n_found, self.log_likelihood(measured, at, variance)[1]
+        left, as_bad = self.freedom - n + 1, math.nan
+        if n > 0 and left > 0:
+            as_bad = float(special.fdtrc(n, left, chi2 * left / (n * self.freedom)))
+        return Fit(names, measured, mean, spread, as_bad, n_points)
 
 
 def logarithms(height_m: np.ndarray, length_m: np.ndarray) -> np.ndarray:

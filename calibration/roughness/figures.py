@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.roughness.emulator import Fit
-from calibration.roughness.meters import of_power
-from calibration.roughness.millimetres import RoughnessEstimate
+from calibration.roughness.estimates import RoughnessEstimate
+from calibration.roughness.meters import ALIKE, CONTRAST
 from calibration.roughness.roughness_sweep import RoughnessSweep
 from calibration.roughness.sweep import Sweep
 from clradar.compare.metrics import METRIC_TABLE
@@ -22,12 +22,6 @@ ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
 COLOURS = (*drawing.CURVE_COLOURS, "#404040")
 DECIBEL_PER_NATURAL = 10.0 / np.log(10.0)
 DRAWN = 1e-3  # share of its maximum down to which a probability is drawn
-
-SHORT_NAMES = (
-    ("rest at ", ""), (" degrees", "\N{DEGREE SIGN}"), (" to ", "\N{EN DASH}"),
-    ("coherent power", "coherent"), ("correlation of ", ""), ("power at ", ""),
-    ("points within ", "< "),
-)  # fmt: skip
 
 
 def figure_of(result: Sweep | RoughnessSweep) -> Figure:
@@ -102,9 +96,10 @@ def roughness_figure(sweep: RoughnessSweep) -> Figure:
         drawing.label_axes(high, "roughness h (mm)", "probability density (1/mm)", title)
         _draw_pair(pair, one)
         # Contrast and correlation are small numbers: ten times them fits the scale.
-        scale = np.where(of_power(one.fit.statistics), DECIBEL_PER_NATURAL, 10.0)
+        small = np.isin(one.fit.statistics, (CONTRAST, ALIKE))
+        scale = np.where(small, 10.0, DECIBEL_PER_NATURAL)
         _draw_fit(fit, one.fit, scale, colour)
-        title = "coherent power, the rest over tilt, texture"
+        title = "power over tilt, texture"
         drawing.label_axes(fit, "", "dB; contrast, apertures times 10", title)
     return figure
 
@@ -136,10 +131,7 @@ def _draw_fit(axes: Axes, fit: Fit, scale: np.ndarray | float, colour: str) -> N
         label="simulations at the best",
     )  # fmt: skip
     axes.plot(index, scale * (fit.measured - fit.fitted), "o", ms=4, color=colour, label="measured")
-    shown = list(fit.statistics)
-    for long, short in SHORT_NAMES:
-        shown = [name.replace(long, short) for name in shown]
-    axes.set_xticks(index, shown, rotation=35, ha="right")
+    axes.set_xticks(index, fit.statistics, rotation=35, ha="right")
     _legend(axes)
 
 

@@ -33,8 +33,7 @@ the slope 0.1 falls by 1/e over 8 degrees, that of 0.3 over 23; beyond 55 degree
 seen at a grazing angle."""
 
 LEAST_IN_BIN = 40  # points and apertures: the mean power of as many speckles is known to 0.7 dB
-COHERENT, REST = "coherent power", "rest at"
-CONTRAST, ALIKE = "contrast", "correlation of apertures"
+COHERENT, REST, CONTRAST, ALIKE = "coherent", "rest at", "contrast", "apertures alike"
 
 LEAST_BRIGHT = 20  # points in a bin
 LEVELS_DB = (3.0, 6.0, 10.0, 15.0, 20.0)  # below the brightest point
@@ -68,7 +67,7 @@ def tilt_bins(tilts: np.ndarray, least: int) -> dict[str, np.ndarray]:
     """Which of these tilts, radians, are in each bin of `TILT_EDGES_DEG` with at least so many."""
     number = np.digitize(np.degrees(tilts), TILT_EDGES_DEG)
     ends = enumerate(pairwise(TILT_EDGES_DEG), 1)
-    bins = {f"{low:g} to {high:g} degrees": number == i for i, (low, high) in ends}
+    bins = {f"{low:g} to {high:g} deg": number == i for i, (low, high) in ends}
     return {name: own for name, own in bins.items() if np.count_nonzero(own) >= least}
 
 
@@ -133,8 +132,8 @@ class BrightnessMeter:
         self.bins = tilt_bins(points.tilts([array])[0, mine], LEAST_BRIGHT)
         self.names = (
             *(f"power at {tilt}" for tilt in [*self.bins][:-1]),  # the last follows from the rest
-            "contrast",
-            *(f"points within {level:g} dB" for level in LEVELS_DB),
+            CONTRAST,
+            *(f"within {level:g} dB" for level in LEVELS_DB),
         )
 
     def sees(self, image: DepthMap) -> bool:
@@ -166,11 +165,6 @@ class BrightnessMeter:
             for axis, axis_m in ((1, image.y_m), (0, image.x_m))
         ]
         return np.asarray(map_coordinates(image.amplitude, at, order=1, mode="nearest"))
-
-
-def of_power(statistics: tuple[str, ...]) -> np.ndarray:
-    """Whether each is the logarithm of a power, which the gain of an instrument adds to."""
-    return np.array([name not in (CONTRAST, ALIKE) for name in statistics])
 
 
 class SubApertures:
@@ -209,12 +203,17 @@ class TextureMeter:
     """Measures the statistics of one region.
 
     `tilts`, shape (4, n_points), are in radians; `smooth`, of the same shape, images of the smooth
-    surface from the quarters of the aperture. `names` are of what `measure` returns, natural
-    logarithms.
+    surface from the quarters of the aperture. Where the gain is unknown, powers are relative to the
+    coherent one. `names` are of what `measure` returns, natural logarithms.
     """
 
     def __init__(
-        self, points: SurfacePoints, region: int, tilts: np.ndarray, smooth: np.ndarray
+        self,
+        points: SurfacePoints,
+        region: int,
+        tilts: np.ndarray,
+        smooth: np.ndarray,
+        calibrated: bool,
     ) -> None:
         self._mine = points.region == region
         self._patch = np.unique(points.patch[self._mine], return_inverse=True)[1].ravel()
@@ -225,7 +224,8 @@ class TextureMeter:
         self._smooth_power = np.abs(self._smooth) ** 2 @ self._sums
         self._level = float(np.mean(np.abs(self._smooth) ** 2))
         self.bins = tilt_bins(tilts[:, self._mine], LEAST_IN_BIN)
-        self.names = (COHERENT, *(f"{REST} {tilt}" for tilt in self.bins), CONTRAST, ALIKE)
+        rest = (f"{REST} {tilt}" for tilt in self.bins)
+        self.names = (*(COHERENT,) * calibrated, *rest, CONTRAST, ALIKE)
 
     def measure(self, images: np.ndarray) -> np.ndarray:
         """The statistics of images (4, n_points), complex; powers relative to the smooth image."""
@@ -237,5 +237,7 @@ class TextureMeter:
         coherent = np.sum(np.abs(product) ** 2) / np.sum(self._smooth_power**2)
         bins = self.bins.values()
         logarithms = np.log([coherent + 1e-300, *(rest[own].mean() + 1e-300 for own in bins)])
+        if COHERENT not in self.names:
+            logarithms = logarithms[1:] - logarithms[0]
         alike = [np.corrcoef(a, b)[0, 1] for a, b in combinations(np.sqrt(power), 2)]
         return np.array([*logarithms, contrast(power, bins), np.mean(alike) if alike else 0.0])

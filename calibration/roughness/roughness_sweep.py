@@ -12,23 +12,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from calibration.roughness import design
-from calibration.roughness.emulator import Emulator, Interval, logarithms, terms
+from calibration.roughness.estimates import RoughnessEstimate, estimate_roughness
 from calibration.roughness.meters import SubApertures, TextureMeter, surface_points
-from calibration.roughness.millimetres import (
-    RegionStatistics,
-    RoughnessEstimate,
-    estimate_roughness,
-)
 from calibration.roughness.regions import Regions
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.errors import ClradarWarning, CompareError
 from clradar.jobs.where import Where, open_devices
 from clradar.model import AntennaArray, Capture, Scene, Waveform, checks
-from clradar.model.kirchhoff import check_kirchhoff
-from clradar.model.material import Material
 from clradar.model.plausible import check_plausible
-from clradar.model.progress import Progress, part_of
-from clradar.model.record import plain
+from clradar.model.progress import Progress
 from clradar.opencl import Device
 from clradar.simulation import simulate
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
@@ -50,9 +42,6 @@ class RoughnessSweep(design.Estimates):
         That were simulated.
     seeds : tuple of int
         First and last.
-    gain_db : Interval
-        Of the measurement over the simulations.
-    calibrated : bool
     """
 
     wanted: ClassVar[str] = "roughness"
@@ -61,13 +50,6 @@ class RoughnessSweep(design.Estimates):
     heights_m: np.ndarray
     lengths_m: np.ndarray
     seeds: tuple[int, int]
-    gain_db: Interval
-    calibrated: bool
-
-    def report(self) -> str:
-        """The estimates and their remarks as text."""
-        gain = f"\ngain of the measurement over the simulations {self.gain_db.text(1.0, 'dB')}"
-        return design.Estimates.report(self) + ("" if self.calibrated else gain)
 
     def tables(self) -> list[design.Table]:
         """Limits of what was estimated of each region, and what is determined."""
@@ -77,12 +59,6 @@ class RoughnessSweep(design.Estimates):
             for one in self.estimates
         ]
         return [(("region", *map("_".join, pairs), "told"), rows)]
-
-    def to_dict(self) -> dict[str, Any]:
-        """All numbers in types that strict JSON has."""
-        own = plain(self)
-        del own["estimates"]
-        return {**own, "regions": {one.name: one.to_dict() for one in self.estimates}}
 
 
 @takes_settings
@@ -121,7 +97,6 @@ def sweep_roughness(
         Simulations for each pair, each with a seed of its own; 30 in all at least.
     calibrated : bool
         The capture is in S-parameters, and antennas and materials are right: the level counts, too.
-        Otherwise its gain is found, one for all regions.
     regions, device, store, settings, **fields
         As of `sweep`, of the physical estimator.
 
@@ -178,14 +153,14 @@ def sweep_roughness(
 
     def simulate_missing(items: Sequence[_Item], progress: Progress | None = None) -> None:
         missing = [item for item in items if item[0] not in kept]
-        done = part_of(progress, 1.0 - len(missing) / len(items), 1.0)
-        for _, (name, images) in devices.made(simulated, missing, done):
+        for _, (name, images) in devices.made(simulated, missing, progress):
             kept[name] = images
 
     smooth = f"{own}-smooth"
     simulate_missing([(smooth, 0.0, float(lengths[0]), first)])
     tilts = points.tilts(apertures.arrays)
-    meters = [TextureMeter(points, i, tilts, kept[smooth]["images"]) for i in range(len(names))]
+    at_smooth = kept[smooth]["images"]
+    meters = [TextureMeter(points, i, tilts, at_smooth, calibrated) for i in range(len(names))]
     design.estimable("roughness", names, meters)
     items = [
         (f"{own}-{1e3 * height_m:g}-{1e3 * length_m:g}-{k}", height_m, length_m, first + i)
@@ -198,24 +173,15 @@ def sweep_roughness(
     image = apertures.images(measured)
     if not image.any():
         raise CompareError("sweep: the measured image is 0 on the whole mesh")
-    tried = np.array([(height_m, length_m) for height_m, length_m, _ in pairs]).T
-    at, powers = logarithms(*tried), terms(int(np.count_nonzero(heights)), len(lengths))
-    statistics = []
+    height_m, length_m, _ = np.array(pairs).T
+    estimates = []
     for name, meter in zip(names, meters, strict=True):
         rows = np.stack([meter.measure(kept[item[0]]["images"]) for item in items])
-        emulator, seen = Emulator.fitted(at, powers, rows), meter.measure(image)
-        statistics.append(RegionStatistics(name, meter.names, seen, emulator, meter.n_points))
-    estimates, gain_db = estimate_roughness(statistics, *tried, calibrated=calibrated)
-    ends = (first, first + len(pairs) - 1)
-    result = RoughnessSweep(tuple(estimates), heights, lengths, ends, gain_db, calibrated)
+        seen = meter.measure(image)
+        one = estimate_roughness(name, meter.names, seen, height_m, length_m, rows, meter.n_points)
+        estimates.append(one)
+    result = RoughnessSweep(tuple(estimates), heights, lengths, (first, first + len(pairs) - 1))
     result.warn()
-    for one in result.estimates:
-        if one.tells_roughness and one.tells_correlation:
-            found = Material(
-                one.name, conductor=True, roughness_rms_m=one.roughness_m.median,
-                correlation_length_m=one.correlation_m.median,
-            )  # fmt: skip
-            check_kirchhoff(found, waveform)
     return result
 
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from calibration.roughness import design
-from calibration.roughness.alpha import AlphaEstimate, estimate_alpha
+from calibration.roughness.estimates import AlphaEstimate, estimate_alpha
 from calibration.roughness.meters import BrightnessMeter, surface_points
 from calibration.roughness.regions import Regions
 from clradar import arrays
@@ -22,7 +22,7 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, warn
 from clradar.jobs.where import Where, open_devices
 from clradar.model import AntennaArray, DepthMap, Scene, Volume, VoxelGrid, Waveform, checks
-from clradar.model.progress import Progress, part_of
+from clradar.model.progress import Progress
 from clradar.model.volume import capture_meta
 from clradar.opencl import Device
 from clradar.simulation import simulate_alphas
@@ -52,6 +52,7 @@ class Sweep(design.Estimates):
     """
 
     wanted: ClassVar[str] = "alpha"
+    drawn: ClassVar[tuple[str, ...]] = ("measured", "images")
 
     alphas: np.ndarray
     seeds: tuple[int, ...]
@@ -87,16 +88,6 @@ class Sweep(design.Estimates):
         regions = [[r.name, *(getattr(r.interval, n) for n in design.LIMITS)] for r in self.regions]
         metrics = ("alpha", "seed", *METRICS), rows
         return [metrics, (("region", *design.LIMITS), regions)] if regions else [metrics]
-
-    def to_dict(self) -> dict[str, Any]:
-        """All numbers in types that strict JSON has; None stands for NaN."""
-        return {
-            "alphas": self.alphas.tolist(),
-            "seeds": list(self.seeds),
-            "estimate": self.estimate.to_dict(),
-            "metrics": [[m.to_dict() for m in row] for row in self.metrics],
-            "regions": {one.name: one.to_dict() for one in self.regions},
-        }
 
 
 @takes_settings
@@ -373,9 +364,7 @@ class _Images:
         n_devices = len(devices.infos)
         parts = n_devices // math.gcd(n_devices, len(seeds))
         items = [(k, own) for k in seeds for n in range(parts) if (own := missing[k][n::parts])]
-        share = sum(map(len, missing)) / (len(seeds) * len(alphas))
-        done = part_of(progress, 1.0 - share, 1.0)
-        for _, (name, image) in devices.made(self, items, done):
+        for _, (name, image) in devices.made(self, items, progress):
             store[name] = image
 
     def along(

@@ -142,20 +142,14 @@ class TargetOptions:
 class EstimateOptions:
     PANEL = "Expert"
 
-    hold: bool = opt.option("The target is exactly at the position of the options.", False)
     tolerance_mm: float = opt.option("Tolerance of its position, per axis.", 10.0)
     tilt_tolerance_deg: float = opt.option("How well a plate's tilt is known.", 2.0)
     max_delay_ps: float = opt.option("Largest delay of a pair that is searched for.", 100.0)
     common_delay: Literal["zero", "free"] = opt.option("Delays scatter about this.", "zero")
-    gate_mm: float | None = opt.option("Use echoes within this range of the target only.")
-    dead_db: float = opt.option("Dead: this far below the median gain.", 20.0)
-    noisy_db: float = opt.option("Noisy: this far above the median noise.", 6.0)
-    max_residual_db: float = opt.option("Refuse where more of the echoes is left.", -10.0)
 
     def settings(self) -> dict[str, Any]:
         """Settings of `calibration.estimate_channels`."""
         found = opt.arguments_of(self)
-        found["refine_position"] = not found.pop("hold")
         found["position_tolerance_m"] = found.pop("tolerance_m")
         return found
 

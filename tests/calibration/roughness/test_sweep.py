@@ -15,7 +15,7 @@ from shapes import plate, sphere
 
 import clradar
 from calibration import Regions, Sweep, sweep
-from calibration.roughness.alpha import AlphaEstimate, estimate_alpha
+from calibration.roughness.estimates import AlphaEstimate, estimate_alpha
 from calibration.roughness.figures import sweep_figure
 from calibration.roughness.meters import BrightnessMeter, surface_points
 from clradar.cli.commands import sweep as command
@@ -174,7 +174,7 @@ def test_brightness_is_relative_and_read_at_the_points_of_the_surface():
         return clradar.DepthMap(np.full(x.shape, 0.3), amplitude, axis_m, axis_m, 60.0)
 
     found = dict(zip(meter.names, meter.measure(image(1.0)), strict=True))
-    first, second = found["power at 12 to 17 degrees"], found["power at 23 to 30 degrees"]
+    first, second = found["power at 12 to 17 deg"], found["power at 23 to 30 deg"]
     # A tilt of t is t / (1 + 40 mm / 260 mm) from z.
     assert first - second == pytest.approx((26.5 - 14.5) / 1.154 / 10, rel=0.15)
     np.testing.assert_allclose(meter.measure(image(7.0)), meter.measure(image(1.0)), rtol=1e-6)
