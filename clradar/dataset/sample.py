@@ -35,8 +35,8 @@ from clradar.impairments.impair import Wall, impair, room_capture
 from clradar.model import Capture, Scene, checks
 from clradar.motion.hands import MovingHand
 from clradar.motion.instants import SweepTiming
-from clradar.motion.rigid import MovingScene, RigidMotion
-from clradar.motion.sweep import simulate_moving
+from clradar.motion.rigid import RigidMotion
+from clradar.motion.sweep import MovingScene, simulate_moving
 from clradar.opencl import Device
 from clradar.simulation import simulate
 

@@ -30,7 +30,8 @@ from clradar.hand.shape import AVERAGE, HandShape
 from clradar.model import AntennaArray, Scene, Waveform, checks
 from clradar.motion.hands import MovingHand
 from clradar.motion.instants import ORDERS, STEP_S, SweepTiming
-from clradar.motion.rigid import BEYOND, PROFILES, STILL, MovingBody, MovingScene, RigidMotion
+from clradar.motion.rigid import BEYOND, PROFILES, STILL, MovingBody, RigidMotion
+from clradar.motion.sweep import MovingScene
 from clradar.opencl import Device
 
 MAX_PLACES = 10_000

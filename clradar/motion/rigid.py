@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -208,37 +208,3 @@ class MovingBody(Record):
 
     def _vertices_m(self, time_s: float, rows: Any) -> np.ndarray:
         return moved(self.motion.at(time_s), self.scene.vertices_m[rows])
-
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class MovingScene(Record):
-    """Bodies that move, seen together.
-
-    Parameters
-    ----------
-    bodies : sequence of MovingBody or MovingHand
-    finish : callable, optional
-        Sets alphas or materials of the scene of all bodies, with the same faces.
-    """
-
-    bodies: Sequence[Any]
-    finish: Callable[[Scene], Scene] | None = None
-
-    def __post_init__(self) -> None:
-        bodies = tuple(checks.several("MovingScene.bodies", self.bodies))
-        if not bodies or not all(hasattr(body, "during") for body in bodies):
-            checks.fail("MovingScene.bodies", "MovingBody or MovingHand, at least one", bodies)
-        self._set(bodies=bodies)
-
-    def at(self, time_s: float) -> Scene:
-        """Return the scene at a time, as a sweep without duration sees it."""
-        return self.seen([body.during(time_s, time_s) for body in self.bodies], time_s)
-
-    def seen(self, bodies: Sequence[BodyInSweep], time_s: float) -> Scene:
-        """Return the scene at a time of the sweep that its bodies are of.
-
-        :meta private:
-        """
-        scenes = [body.scene(time_s) for body in bodies]
-        scene = scenes[0] if len(scenes) == 1 else Scene.combine(scenes)
-        return scene if self.finish is None else self.finish(scene)
