@@ -83,7 +83,7 @@ JSON = read_json_object
         (JSON, b"{", "JSONDecodeError"),
         (JSON, b'{"a":' * 100_000, "RecursionError"),
         (JSON, json.dumps({"a": nested(MAX_JSON_DEPTH + 1)}).encode(), "levels of nesting"),
-        (read_alignment, b'{"kinect2radar": [["\\ud800"]]}', "four rows of .*, got .*ud800"),
+        (read_alignment, b'{"kinect2radar": [["\\ud800"]]}', "valid number, got .*ud800"),
     ],
 )
 def test_files_that_are_refused(tmp_path, read, content, words):

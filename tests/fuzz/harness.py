@@ -18,7 +18,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import SimpleNamespace
@@ -122,7 +122,7 @@ def _readers_here() -> Iterator[None]:
     def limit(what: int, most: tuple[int, int]) -> None:
         resource.setrlimit(what, (most[0], resource.getrlimit(what)[1]))
 
-    def answer(_: Any, request: Any, most_bytes: int) -> Any:
+    def answer(request: Any, most_bytes: int) -> Any:
         sent, limits = io.BytesIO(), resource.getrlimit(resource.RLIMIT_NOFILE)
         try:
             with warnings.catch_warnings():
@@ -133,10 +133,8 @@ def _readers_here() -> Iterator[None]:
         return wire.receive(io.BytesIO(sent.getvalue()), most_bytes)
 
     system = SimpleNamespace(**{**vars(resource), "setrlimit": limit})
-    with (
-        mock.patch.object(process.Companion, "answer", answer),
-        mock.patch.multiple(process, _confined=True, resource=system),
-    ):
+    here = {"_forking": SimpleNamespace(answer=answer), "_confined": True, "resource": system}
+    with mock.patch.multiple(process, **here):
         yield
 
 
@@ -227,10 +225,6 @@ class Watch:
         return None
 
 
-def _importing() -> bool:
-    return _is_above("<frozen importlib")
-
-
 def _is_above(file: str, functions: Sequence[str] = ()) -> bool:
     """Whether one of these functions of a file, or any, has called this."""
     frame: Any = sys._getframe(1)
@@ -240,6 +234,9 @@ def _is_above(file: str, functions: Sequence[str] = ()) -> bool:
             return True
         frame = frame.f_back
     return False
+
+
+_importing = partial(_is_above, "<frozen importlib")
 
 
 def judge(target: Target, path: Path, watch: Watch | None = None) -> tuple[str, str | None]:

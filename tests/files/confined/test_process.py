@@ -40,7 +40,7 @@ def refused(function, path, *arguments, **options):
 def test_values_and_arrays_come_back_bit_for_bit(path):
     value = [None, True, -1, 2**70, 0.1, "a\n\ud800ü", {"k": [], "array": ["array", 1]}, [[{}]]]
     assert confined.run(probes.same, path, value) == value
-    with pytest.raises(TypeError, match="cannot be sent"):
+    with pytest.raises(TypeError):
         confined.run(probes.same, path, {"\0array": ["<u2", [0]]})
     want = probes.arrays(path)
     have = confined.run(probes.arrays, path, most_bytes=1000)
