@@ -142,9 +142,8 @@ RESUMES = "clradar: interrupted; the same command resumes folder\n"
     ],
 )
 def test_signals_leave_things_in_order(name, sent, left, tmp_path):
-    done = python(
-        "-W", "error", "-c", SENDING.format(name=name, sent=sent, before=""), cwd=tmp_path
-    )
+    code = SENDING.format(name=name, sent=sent, before="")
+    done = python("-W", "error", "-c", code, cwd=tmp_path)
     assert (done.stderr, done.returncode) == (RESUMES, 128 + getattr(signal, f"SIG{name}"))
     assert {path.name for path in (tmp_path / "folder").iterdir()} == left
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
