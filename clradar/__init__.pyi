@@ -63,12 +63,11 @@ from .model.material_file import (
     read_materials as read_materials,
     write_materials as write_materials,
 )
-from .motion.bodies import MovingBody as MovingBody, MovingScene as MovingScene
 from .motion.hands import MovingHand as MovingHand
+from .motion.instants import SweepTiming as SweepTiming
 from .motion.motion_file import read_motion as read_motion
-from .motion.rigid import RigidMotion as RigidMotion
-from .motion.sweep import simulate_moving as simulate_moving
-from .motion.timing import SweepTiming as SweepTiming
+from .motion.rigid import MovingBody as MovingBody, RigidMotion as RigidMotion
+from .motion.sweep import MovingScene as MovingScene, simulate_moving as simulate_moving
 from .opencl import Device as Device, list_devices as list_devices, open_device as open_device
 from .simulation import simulate as simulate, simulate_image as simulate_image
 from .synthesize import synthesize as synthesize

@@ -279,17 +279,16 @@ __kernel void flesh_cells(const uint n_x, const uint n_y, const uint n_z_padded,
  * distance, so a cell whose middle is farther from the surface than from its corners contains no surface. Its nodes
  * need only a sign and get the distance of the middle.
  *
- * first_x  first layer of cells
  * nodes    float (layers CLR_NODES, n_y CLR_NODES, n_z CLR_NODES)  out: metres */
 __kernel void flesh_nodes(const uint layers, const uint n_y, const uint n_z, const uint n_z_padded,
-                          const uint first_x, __global const float *frame,
+                          __global const float *frame,
                           __global const float *cones, __global const uint *palm_near,
                           __global const uint *digits_near, __global const float *middle,
                           __global float *nodes) {
     const uint iz = (uint)get_global_id(0) / CELL_GROUPS, group = (uint)get_global_id(0) % CELL_GROUPS;
     const uint iy = (uint)get_global_id(1), ix = (uint)get_global_id(2);
     if (ix >= layers || iy >= n_y || iz >= n_z) return;
-    const uint cell = cell_index(first_x + ix, iy, iz, n_y, n_z_padded);
+    const uint cell = cell_index(ix, iy, iz, n_y, n_z_padded);
     const float spacing = frame[3];
     int_lanes x, y, z;
     const intw in_cell = (int)(group * CLR_WIDTH) + TO_INTW(LANE_INDEX);
@@ -307,7 +306,7 @@ __kernel void flesh_nodes(const uint layers, const uint n_y, const uint n_z, con
         near.palm = (int)near.any_palm;
         near.digits = (int)near.any_digits;
         positions p;
-        p.x = frame[0] + (TO_REALW(x.all + (int)(CLR_NODES * first_x)) + 0.5f) * spacing;
+        p.x = frame[0] + (TO_REALW(x.all) + 0.5f) * spacing;
         p.y = frame[1] + (TO_REALW(y.all) + 0.5f) * spacing;
         p.z = frame[2] + (TO_REALW(z.all) + 0.5f) * spacing;
         distance.all = flesh_distance_at(frame, cones, near, p).distance;

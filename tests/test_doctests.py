@@ -14,7 +14,7 @@ from clradar.errors import ClradarError
 from clradar.hand import HandPose, posed_skeleton
 from clradar.hand.skin import Skin
 from clradar.rigs import Rig
-from clradar.rigs.rig import PoseBlend
+from clradar.rigs.mano import MANO_JOINTS, PARENTS
 
 PACKAGES = (
     "clradar",
@@ -28,11 +28,19 @@ PACKAGES = (
     "measurement_io",
     "calibration",
 )
-PLAN = """samples = 2
+FILES = {
+    "plan.toml": """samples = 2
 poses.names = ["A", "B"]
 output.products = ["joints"]
-"""
-"""What the examples of data sets have as plan.toml."""
+""",
+    "cross60.toml": """[[tx]]
+line = { first_m = [-0.0275, 0, 0], last_m = [0.0275, 0, 0], n = 12 }
+[[rx]]
+line = { first_m = [0, -0.0375, 0], last_m = [0, 0.0375, 0], n = 16 }
+""",
+    "motion.toml": "[[body]]\nvelocity_mm_per_s = [0, 0, 500]",
+}
+"""What the examples read."""
 
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 
@@ -82,7 +90,7 @@ def namespace() -> dict[str, Any]:
     )  # fmt: skip
     rest, tips = posed_skeleton(HandPose("rest")), [4, 9, 14]
     skin = Skin([0, 1, 2], tips, np.ones(3), np.zeros((3, 3)))
-    blend = PoseBlend(np.zeros((3, 3, 135)), np.zeros(45), np.eye(45)[:6])
+    blend = np.zeros((3, 3, 135))
     rig = Rig("m", "right", 1.0, np.eye(3), rest.joints_m, rest.frames, [[0, 1, 2]], skin, blend)
     data = np.full((94, 94, 3), 1 - 1j, np.complex64)
     qar50, three = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
@@ -95,7 +103,14 @@ def namespace() -> dict[str, Any]:
 @pytest.mark.parametrize("name", [n for n in DOCUMENTED if n not in LONG] + nightly(LONG))
 def test_example(name, tmp_path, monkeypatch, namespace):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "plan.toml").write_text(PLAN)
+    for file, text in FILES.items():
+        (tmp_path / file).write_text(text)
+    at_m = posed_skeleton(HandPose("rest")).joints_m[list(MANO_JOINTS)]
+    np.savez(
+        tmp_path / "MANO_RIGHT.npz", v_template=1e3 * at_m, shapedirs=np.zeros((16, 3, 1)),
+        posedirs=np.zeros((16, 3, 135)), J_regressor=np.eye(16), weights=np.eye(16),
+        f=[[1, 4, 7], [2, 5, 8], [3, 6, 9]], kintree_table=[PARENTS, range(16)],
+    )  # fmt: skip
     item = DOCUMENTED[name]
     own, *methods = doctest.DocTestFinder().find(item, name, module=False, globs=dict(namespace))
     assert own.examples or inspect.isclass(item), f"{name} has no example in its docstring"

@@ -161,7 +161,7 @@ def test_only_frames_and_hand_models_are_pickles():
     # Writing one runs no code; clradar.files.pickles reads them, for what runs confined.
     reader = "clradar.files.pickles"
     others = [name for name in FILES if name not in ("measurement_io.maroon.writer", reader)]
-    confined = ("measurement_io.maroon.frame_file", "clradar.rigs.mano", "clradar.rigs.mano_pickle")
+    confined = ("measurement_io.maroon.frame_file", "clradar.rigs.mano")
     assert not breaches([name for name in others if name not in confined], [reader])
     assert not breaches(others, ["pickle", "cPickle", "dill", "joblib", "shelve", "marshal"])
     for name, found in nodes().items():

@@ -21,19 +21,8 @@ def read_array(path: str | os.PathLike[str]) -> AntennaArray:
 
     Examples
     --------
-    Twelve transmitters along x and sixteen receivers along y.
-
-    >>> from pathlib import Path
-    >>> rules = '''
-    ... [[tx]]
-    ... line = { first_m = [-0.0275, 0, 0], last_m = [0.0275, 0, 0], n = 12 }
-    ... [[rx]]
-    ... line = { first_m = [0, -0.0375, 0], last_m = [0, 0.0375, 0], n = 16 }
-    ... '''
-    >>> _ = Path("cross60.toml").write_text(rules)
-    >>> array = clradar.arrays.read_array("cross60.toml")
-    >>> array.name, array.n_tx, array.n_rx
-    ('cross60', 12, 16)
+    >>> clradar.arrays.read_array("cross60.toml").n_tx
+    12
     """
     return _only(read_clusters(path), path)
 
@@ -46,18 +35,8 @@ def read_clusters(path: str | os.PathLike[str]) -> tuple[AntennaArray, ...]:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> rules = '''
-    ... copy_of = "qar50"
-    ... pairs = "cluster"
-    ... [[pose]]
-    ... line = { first_m = [-0.1, 0, 0], last_m = [0.1, 0, 0], n = 2 }
-    ... '''
-    >>> _ = Path("two.toml").write_text(rules)
-    >>> for array in clradar.arrays.read_clusters("two.toml"):
-    ...     print(f"{array.name}: {array.n_tx} Tx about x = {array.tx_m[:, 0].mean():.1f} m")
-    two, cluster 1 of 2: 94 Tx about x = -0.1 m
-    two, cluster 2 of 2: 94 Tx about x = 0.1 m
+    >>> len(clradar.arrays.read_clusters("cross60.toml"))
+    1
     """
     path = Path(path)
     expected = "an antenna array (a TOML file, see docs/arrays.md)"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 from scipy.spatial.transform import Rotation
 
 from clradar.arrays.instruments import KNOWN
@@ -19,13 +19,10 @@ from clradar.files.records import (
     Text,
     Vector,
     Whole,
-    is_number,
     made,
     mistake,
-    number_tuple,
     numbers,
     one_of,
-    row_tuple,
 )
 from clradar.model import AntennaArray, AntennaPattern
 from clradar.model.antenna_side import AntennaSide
@@ -35,9 +32,8 @@ MOST_CLUSTERS = 1024
 MOST_ANTENNAS = 20_000  # of one rule: a whole wall of imaging clusters has some thousands
 
 Place = Annotated[Vector, Field(description="[x, y, z] in metres")]
-Length = Annotated[Number, Field(gt=0, description="a length above 0, in metres")]
-_WHOLE = f"a whole number from {{}} to {MOST_ANTENNAS}"
-Count = Annotated[Whole, Field(ge=1, le=MOST_ANTENNAS, description=_WHOLE.format(1))]
+COUNT = f"a whole number from 1 to {MOST_ANTENNAS}"
+Count = Annotated[Whole, Field(ge=1, le=MOST_ANTENNAS, description=COUNT)]
 
 
 class Line(FileRecord):
@@ -51,26 +47,11 @@ class Line(FileRecord):
         return np.linspace(self.first_m, self.last_m, self.n)
 
 
-class Cross(FileRecord):
-    """A line of `n` along x and one along y, both of length_m about center_m; one middle."""
-
-    length_m: Length
-    n: Annotated[Whole, Field(ge=2, le=MOST_ANTENNAS, description=_WHOLE.format(2))]
-    center_m: Place = (0.0, 0.0, 0.0)
-
-    def placed_m(self) -> np.ndarray:
-        steps = np.linspace(-self.length_m / 2, self.length_m / 2, self.n)
-        placed = np.zeros((2 * self.n, 3))
-        placed[: self.n, 0] = placed[self.n :, 1] = steps
-        middle = [self.n + self.n // 2] if self.n % 2 else []
-        return np.delete(placed, middle, axis=0) + np.array(self.center_m)
-
-
 class Plane(FileRecord):
     """n = [n_x, n_y] antennas on size_m = [width, height] about center_m, row by row."""
 
     size_m: Annotated[tuple[float, ...], numbers(2), Field(description="[width, height] in metres")]
-    n: tuple[Count, Count] = Field(description=f"[n_x, n_y], each {_WHOLE.format(1)}")
+    n: tuple[Count, Count] = Field(description=f"[n_x, n_y], each {COUNT}")
     center_m: Place = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")
@@ -87,28 +68,12 @@ class Plane(FileRecord):
         return np.stack(np.meshgrid(x, y, 0.0), axis=-1).reshape(-1, 3) + np.array(self.center_m)
 
 
-class Ring(FileRecord):
-    """`n` antennas on a circle about center_m; the first at first_deg from x towards y."""
-
-    radius_m: Length
-    n: Count
-    first_deg: Number = 0.0
-    center_m: Place = (0.0, 0.0, 0.0)
-
-    def placed_m(self) -> np.ndarray:
-        angle = np.deg2rad(self.first_deg) + 2 * np.pi * np.arange(self.n) / self.n
-        circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(self.n)], axis=1)
-        return self.radius_m * circle + np.array(self.center_m)
-
-
 class Placed(FileRecord):
     """A table with one rule, and the positions (n, 3) that it gives."""
 
     points_m: Rows | None = None
     line: Line | None = None
-    cross: Cross | None = None
     plane: Plane | None = None
-    ring: Ring | None = None
     _at_m: np.ndarray = PrivateAttr()
 
     @model_validator(mode="after")
@@ -124,51 +89,29 @@ class Placed(FileRecord):
         return self
 
 
-def _once_or_for_each(value: Any) -> Any:
-    if isinstance(value, list):
-        is_row = not any(isinstance(row, list) for row in value)
-        return number_tuple(value, "a list of numbers", ()) if is_row else row_tuple(value)
-    if not is_number(value):
-        raise mistake("a finite number, or a list of one for each antenna")
-    return value
-
-
-ForEach = Annotated[Any, BeforeValidator(_once_or_for_each)]
-
-
 class Antennas(Placed):
-    """Antennas of one rule, with a gain and a boresight for all of them or for each."""
+    """Antennas of one rule, with a gain [re, im] and a boresight for all of them or for each."""
 
-    gain: ForEach = None
-    gain_db: ForEach = 0.0
-    phase_deg: ForEach = 0.0
-    boresight: ForEach = None
+    gain: Rows | None = None
+    boresight: Rows | None = None
     _side: AntennaSide = PrivateAttr()
 
     @model_validator(mode="after")
     def _is_for_each(self) -> Antennas:
         gain, boresight = self._for_each("gain", 2), self._for_each("boresight", 3)
         complex_gain = None if gain is None else gain @ [1.0, 1j]
-        if self.model_fields_set & {"gain_db", "phase_deg"}:
-            if gain is not None:
-                raise mistake("no gain_db and no phase_deg beside it", "both", key="gain")
-            level_db, phase_rad = self._for_each("gain_db"), np.deg2rad(self._for_each("phase_deg"))
-            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
-                complex_gain = 10 ** (level_db / 20) * np.exp(1j * phase_rad)
         self._side = AntennaSide(self._at_m, None, boresight, complex_gain)
         return self
 
-    def _for_each(self, key: str, *columns: int) -> Any:
-        """Return what is given once or for each of n antennas, shape (n, *columns), or None."""
-        value, shape = getattr(self, key), (len(self._at_m), *columns)
-        if value is None:
+    def _for_each(self, key: str, columns: int) -> Any:
+        """Return the one row or the n rows that are given for n antennas, shape (n, columns)."""
+        rows, shape = getattr(self, key), (len(self._at_m), columns)
+        if rows is None:
             return None
-        rows = np.array(value, np.float64)
-        if rows.shape not in (columns, shape):
-            one = f"one row of {columns[0]} numbers" if columns else "one number"
-            got = " of ".join(map(str, rows.shape))
-            raise mistake(f"{one}, or one for each of {shape[0]} antennas", got, key=key)
-        return np.array(np.broadcast_to(rows, shape))
+        if np.shape(rows) not in ((1, columns), shape):
+            expected = f"a row of {columns} numbers, or one for each of {shape[0]} antennas"
+            raise mistake(expected, " of ".join(map(str, np.shape(rows))), key=key)
+        return np.array(np.broadcast_to(np.array(rows), shape))
 
 
 class Pose(Placed):

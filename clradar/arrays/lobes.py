@@ -1,4 +1,4 @@
-"""Lobes and aliases: what else a focused array shows of a point, or takes for it."""
+"""What an array resolves and what it confuses: widths, lobes, aliases."""
 
 from __future__ import annotations
 
@@ -8,18 +8,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.arrays.instruments import qar50
-from clradar.arrays.point_spread import Clusters, clusters_of, pair_sums, response, thinned
+from clradar.arrays.point_spread import (
+    Clusters,
+    clusters_of,
+    response,
+    thinned,
+    width_m,
+)
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import Waveform, checks
+from clradar.errors import warn
+from clradar.model import AntennaArray, Waveform, checks
+from clradar.model.checks import MAX_DYNAMIC_RANGE_DB
+from clradar.model.plausible import doubtful_place
 from clradar.model.range_profile import MIN_STEPS
+
+LEVEL_DB, MOST_LOBES = -20.0, 20  # of `array_figures`, the strongest
 
 GRATING_DB = -6.0  # from this level on lobes can be taken for the target: they are grating lobes
 MOST_TERMS = 500_000_000  # antennas times directions of a search: some 10 s
-CELLS, SHIFTS = 4.0, 256
-"""Range cells to either side of the focus in which the echoes of a lobe may be brightest, and the
-number of ranges there at which they are added up over the band."""
+CLIMBED = (1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008)
+"""Steps of a climb to the highest of 15 places, as shares of those of the lattice and of a quarter
+of a range cell; before it to the highest of four cells of range to either side."""
 
-CLIMBED = (0.5, 0.5, 0.5, 0.5, 0.5, 0.2, 0.05, 0.01)  # steps of a climb, of those of the lattice
 GHOST_DB = -3.0  # from this level on a lobe or an alias is as good as the echo itself
 SEARCHED = 24  # antennas of a side, drawn, whose response tells where all of them may have a lobe
 MOST_GHOST_TERMS = 6e7  # antennas times directions: 1 s; larger arrays are not searched
@@ -48,14 +58,8 @@ class DirectionMap:
     def of(
         cls, array: Clusters, frequency_hz: float, focus_m: np.ndarray, within_deg: float
     ) -> DirectionMap:
-        """Return the map up to an angle; more than `MOST_TERMS` are an error."""
-        counts, terms = search(array, frequency_hz, within_deg)
-        if terms > MOST_TERMS:
-            checks.fail(
-                "array_figures: within_deg",
-                f"a search of at most {MOST_TERMS:.0e} antennas times directions",
-                f"{terms:.1e} within {within_deg:g} degrees",
-            )
+        """Return the map up to an angle."""
+        counts, _ = search(array, frequency_hz, within_deg)
         most = np.sin(np.deg2rad(within_deg))
         distance_m = float(np.linalg.norm(focus_m))
         axes = [
@@ -91,6 +95,16 @@ class Lobe:
     """Angle above the x-z plane, positive towards +y."""
     level_db: float
     """Relative to the focus, over the whole band."""
+
+    @classmethod
+    def at(cls, position_m: np.ndarray, height: float) -> Lobe:
+        """Return the lobe of a maximum with a height relative to the focus."""
+        x, y, z = position_m / np.linalg.norm(position_m)
+        # Next to the y axis the azimuth is that of rounding.
+        azimuth = np.arctan2(x, z) if np.hypot(x, z) > 1e-3 else 0.0
+        angles = azimuth, np.arcsin(np.clip(y, -1.0, 1.0))
+        azimuth_deg, elevation_deg = (round(float(np.rad2deg(a)), 6) + 0.0 for a in angles)  # no -0
+        return cls(position_m, azimuth_deg, elevation_deg, 20 * float(np.log10(height)))
 
     @property
     def grating(self) -> bool:
@@ -176,16 +190,6 @@ def search(array: Clusters, frequency_hz: float, within_deg: float) -> tuple[lis
     return counts, sum(one.n_tx + one.n_rx for one in own) * directions
 
 
-def _lobe(position_m: np.ndarray, height: float) -> Lobe:
-    direction = position_m / np.linalg.norm(position_m)
-    aside = np.hypot(direction[0], direction[2])
-    # Next to the y axis the azimuth is that of rounding.
-    azimuth = np.arctan2(direction[0], direction[2]) if aside > 1e-3 else 0.0
-    angles = azimuth, np.arcsin(np.clip(direction[1], -1.0, 1.0))
-    azimuth_deg, elevation_deg = (round(float(np.rad2deg(a)), 6) + 0.0 for a in angles)  # no -0
-    return Lobe(position_m, azimuth_deg, elevation_deg, 20 * float(np.log10(height)))
-
-
 def climbed_lobes(
     array: Clusters,
     frequencies_hz: np.ndarray,
@@ -197,39 +201,33 @@ def climbed_lobes(
     """The maxima of the response next to points (n, 3) at the distance of the focus, metres.
 
     Each once, strongest first, without the main lobe and what is below `least_db`; at the ranges
-    that suit them. `step` is that of a `DirectionMap`: half a step beside a maximum there is 0.8 of
-    it, so points with less than half of `least_db` are left out.
+    that suit them. `step` is that of a `DirectionMap`.
     """
     distance_m = float(np.linalg.norm(focus_m))
     span_hz = float(np.ptp(frequencies_hz))
     cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * span_hz) if span_hz > 0 else 0.0
-    shifts_m = np.linspace(-CELLS, CELLS, SHIFTS) * min(cell_m, distance_m / (CELLS + 1))
-    sums = pair_sums(array, frequencies_hz, focus_m, starts_m)
-    wavenumbers = 2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_PER_S
-    profiles = np.abs(sums @ np.exp(2j * np.outer(wavenumbers, shifts_m)))
-    high = profiles.max(axis=1) > len(frequencies_hz) * 10 ** (least_db / 20) / 2
+    reach = np.array([*step, min(cell_m / 4, distance_m / 24)])
 
     def places_m(at: np.ndarray) -> np.ndarray:
-        """Positions (..., 3), metres, of sines along x and y and a range."""
-        # Beyond the horizon as much before it, so that a maximum there is one of the climb, too.
-        beyond = np.maximum(1.0, np.hypot(at[..., :1], at[..., 1:2]))
-        sines = at[..., :2] * (2.0 - beyond) / beyond
+        """Positions (..., 3), metres, of sines along x and y, to the horizon, and a range."""
+        sines = at[..., :2] / np.maximum(1.0, np.hypot(at[..., :1], at[..., 1:2]))
         upwards = np.sqrt(np.clip(1.0 - (sines**2).sum(axis=-1, keepdims=True), 0.0, None))
-        range_m = np.clip(at[..., 2:], distance_m + shifts_m[0], distance_m + shifts_m[-1])
-        return np.asarray(range_m * np.concatenate([sines, upwards], axis=-1))
+        return np.asarray(at[..., 2:] * np.concatenate([sines, upwards], axis=-1))
 
-    def heights(at: np.ndarray) -> np.ndarray:
-        points_m = places_m(at).reshape(-1, 3)
-        return response(array, frequencies_hz, focus_m, points_m).reshape(at.shape[:-1])
-
-    ranges_m = distance_m + shifts_m[profiles[high].argmax(axis=1)]
-    at = np.column_stack([starts_m[high][:, :2] / distance_m, ranges_m])
-    at, height = climbed(heights, at, np.array([*step, cell_m / 4]))
+    at = np.column_stack([starts_m[:, :2] / distance_m, np.full(len(starts_m), distance_m)])
+    around = np.stack(np.meshgrid(*3 * [[0.0, -1.0, 1.0]]), axis=-1).reshape(-1, 3)
+    around = around[np.abs(around).sum(axis=1) != 2]  # the middle, along axes, and corners
+    rows, height = np.arange(len(at)), np.zeros(len(at))
+    for offsets in (np.arange(-16, 17)[:, None] * [0, 0, 1], *np.multiply.outer(CLIMBED, around)):
+        tried = at[:, None] + offsets * reach
+        level = response(array, frequencies_hz, focus_m, places_m(tried).reshape(-1, 3))
+        level = level.reshape(tried.shape[:2])
+        at, height = tried[rows, level.argmax(axis=1)], level.max(axis=1)
     found: list[Lobe] = []
-    for position_m, level in zip(places_m(at), height.tolist(), strict=True):
+    for position_m, peak in zip(places_m(at), height.tolist(), strict=True):
         known_m = np.array([focus_m, *(lobe.position_m for lobe in found)])
-        if level >= 10 ** (least_db / 20) and not are_one(known_m, position_m, step).any():
-            found.append(_lobe(position_m, level))
+        if peak >= 10 ** (least_db / 20) and not are_one(known_m, position_m, step).any():
+            found.append(Lobe.at(position_m, peak))
 
     def rank(lobe: Lobe) -> tuple[float, ...]:
         # Levels of symmetric lobes differ in their last digits.
@@ -238,25 +236,88 @@ def climbed_lobes(
     return sorted(found, key=rank)
 
 
-def climbed(
-    heights: Callable[[np.ndarray], np.ndarray], at: np.ndarray, reach: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The maxima next to points (n, 3), and their heights (n,): each point goes to the highest of
-    27 around it and of the top of a parabola through these, step by step of `CLIMBED`.
+@dataclass(frozen=True, slots=True)
+class ArrayFigures:
+    """What `array_figures` found."""
+
+    focus_m: np.ndarray
+    widths_m: tuple[float, ...]
+    """At -3 dB along x, y and z; infinite without an aperture (along z and bandwidth)."""
+    range_cell_m: float
+    """c / (2 B), the resolution in range."""
+    unambiguous_range_m: float
+    """c / (2 df), after which ranges repeat."""
+    lobes: tuple[Lobe, ...]
+    """Strongest first."""
+    within_deg: float
+    """Angle to +z that was searched."""
+    over_directions: DirectionMap
+    """The response at the middle frequency."""
+
+
+def array_figures(
+    array: Clusters,
+    waveform: Waveform,
+    focus_m: Sequence[float],
+    *,
+    level_db: float = LEVEL_DB,
+) -> ArrayFigures:
+    """Widths at -3 dB, lobes and unambiguous range of an array that is focused on a point.
+
+    Parameters
+    ----------
+    array : AntennaArray, or sequence of AntennaArray
+        Several, as of `read_clusters`: figures are those of one image of all.
+    waveform : Waveform
+    focus_m : sequence of 3 float
+        In the antenna frame, in front of the antennas.
+    level_db : float
+        Lobes below this level are left out; the strongest 20 are kept. They are looked for in
+        front, at the distance of the focus: less far aside where that would take minutes.
+
+    Notes
+    -----
+    For lines with spacings d the lobes of one frequency are at sin(angle) = sin(focus) + m c/(f d)
+    (Balanis, Antenna Theory, 6.3). Levels are of the whole band, at the range where it is highest.
+
+    Examples
+    --------
+    Four receivers a wavelength apart: the grating lobes of a focus at broadside are at the horizon.
+
+    >>> band = clradar.Waveform.sfcw(60e9, 60e9, 1)
+    >>> rx_m = (np.arange(4)[:, None] - 1.5) * [299_792_458 / 60e9, 0, 0]
+    >>> array = clradar.AntennaArray([[0, 0, 0]], rx_m)
+    >>> found = clradar.arrays.array_figures(array, band, (0, 0, 5), level_db=-6)
+    >>> [(lobe.azimuth_deg, round(lobe.level_db, 1) + 0.0, lobe.grating) for lobe in found.lobes]
+    [(-90.0, 0.0, True), (90.0, 0.0, True)]
     """
-    i, j = np.triu_indices(3)
-    around = np.stack(np.meshgrid(*3 * [[0.0, -1.0, 1.0]]), axis=-1).reshape(-1, 3)
-    parabola = np.linalg.pinv(np.column_stack([np.ones(27), around, around[:, i] * around[:, j]]))
-    curve, height = np.zeros((len(at), 3, 3)), np.zeros(len(at))
-    for step in np.multiply.outer(CLIMBED, reach):
-        places = at[:, None] + step * around
-        level = heights(places)
-        fit = level @ parabola.T
-        curve[:, i, j] = curve[:, j, i] = fit[:, 4:] * np.where(i == j, 2.0, 1.0)
-        # Levels are exact to 1e-5. Along an axis without aperture or bandwidth nothing changes.
-        top = -np.linalg.pinv(curve, 1e-4, hermitian=True) @ fit[:, 1:4, None]
-        top = at[:, None] + step * np.clip(top.swapaxes(1, 2), -1.0, 1.0)
-        places = np.concatenate([places, top], axis=1)
-        level = np.hstack([level, heights(top)])
-        at, height = places[np.arange(len(at)), level.argmax(axis=1)], level.max(axis=1)
-    return at, height
+    array = clusters_of(array)
+    for one in array or [None]:
+        checks.instance("array_figures: array", one, AntennaArray)
+    checks.instance("array_figures: waveform", waveform, Waveform)
+    focus = checks.read_only("array_figures: focus_m", focus_m, np.float64, (3,))
+    frequencies_hz = thinned(waveform)
+    middle_hz = float(frequencies_hz[len(frequencies_hz) // 2])
+    within_deg = 90.0
+    while search(array, middle_hz, within_deg)[1] > MOST_TERMS and within_deg > 0.1:
+        within_deg = float(f"{0.8 * within_deg:.2g}")
+    level = checks.within("array_figures: level_db", level_db, -MAX_DYNAMIC_RANGE_DB, 0.0, " dB")
+    antennas_m = np.concatenate([side.antennas_m for one in array for side in one.sides])
+    foremost_m = antennas_m[:, 2].max()
+    if focus[2] <= foremost_m:
+        checks.fail("array_figures: focus_m", f"z above {foremost_m:g} m, in front", focus[2])
+    if (doubt := doubtful_place(0.0, focus, antennas_m)) is not None:
+        warn(f"the focus is {doubt}")
+    # The response at one frequency tells where to climb that of the whole band. Another frequency's
+    # maximum may be higher: half the level will do.
+    over = DirectionMap.of(array, middle_hz, focus, within_deg)
+    strongest = over.maxima(10 ** (level / 20) / 2)[: 5 * MOST_LOBES]
+    starts_m = np.linalg.norm(focus) * strongest
+    found = climbed_lobes(array, frequencies_hz, focus, starts_m, over.step, level)
+    across_m, along_m = 2 * float(np.linalg.norm(focus)), 0.99 * float(focus[2] - foremost_m)
+    widths_m = tuple(
+        width_m(array, frequencies_hz, focus, axis, longest_m)
+        for axis, longest_m in zip(np.eye(3), (across_m, across_m, along_m), strict=True)
+    )
+    ranges_m = waveform.range_resolution_m, waveform.unambiguous_range_m
+    return ArrayFigures(focus, widths_m, *ranges_m, tuple(found[:MOST_LOBES]), within_deg, over)

@@ -38,14 +38,13 @@ def thinned(waveform: Waveform) -> np.ndarray:
     return waveform.frequencies_hz[rows]
 
 
-def pair_sums(
+def response(
     array: Clusters, frequencies_hz: np.ndarray, focus_m: np.ndarray, points_m: np.ndarray
 ) -> np.ndarray:
-    """The response at points (n, 3) per frequency, shape (n, n_freq), before the sum over
-    frequencies.
+    """Magnitude of the response at points (n, 3), shape (n,): 1 at the focus.
 
-    1 at the focus; to 1e-5, as phasors are complex64. Patterns and gains weigh the antennas towards
-    each point, as echoes from there would be.
+    To 1e-5, as phasors are complex64. Patterns and gains weigh the antennas towards each point, as
+    echoes from there would be.
     """
     total = np.zeros((len(points_m), len(frequencies_hz)), dtype=np.complex128)
     top = 0.0j
@@ -60,7 +59,7 @@ def pair_sums(
                 own[rows] *= _side_sums(side, frequencies_hz, at_focus_m, points_m[rows])
         total += own
         top += own_top
-    return total / top
+    return np.abs((total / top).mean(axis=1))
 
 
 def _side_sums(
@@ -93,13 +92,6 @@ def _phasors(length_m: np.ndarray, frequency_hz: float) -> np.ndarray:
     np.cos(angle, out=phasors.real)
     np.sin(angle, out=phasors.imag)
     return phasors
-
-
-def response(
-    array: Clusters, frequencies_hz: np.ndarray, focus_m: np.ndarray, points_m: np.ndarray
-) -> np.ndarray:
-    """Magnitude of the response at points, shape (n,); 1 at the focus."""
-    return np.abs(pair_sums(array, frequencies_hz, focus_m, points_m).mean(axis=1))
 
 
 def width_m(

@@ -126,9 +126,8 @@ def _old_view(path: Path) -> xarray.Dataset:
         found[name] = (dims, _texts(axis[:]), {"long_name": name, **units})
     for name, field in {**ARRAYS, **LABELS}.items():
         if (place := place_of(file, name)) in file:
-            data = file[place]
+            data, units = file[place], {} if field.units is None else {"units": field.units}
             values = dask.array.from_array(data, data.chunks) if name in ARRAYS else data[:]
-            units = {} if field.units is None else {"units": field.units}
             attributes = {"long_name": field.long_name, **units}
             found[name] = (("sample", *field.axes), _texts(values), attributes)
     view = xarray.Dataset(found)

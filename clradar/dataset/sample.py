@@ -33,11 +33,10 @@ from clradar.hand.pose import minimum_jerk
 from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.impair import Wall, impair, room_capture
 from clradar.model import Capture, Scene, checks
-from clradar.motion.bodies import MovingScene
 from clradar.motion.hands import MovingHand
+from clradar.motion.instants import SweepTiming
 from clradar.motion.rigid import RigidMotion
-from clradar.motion.sweep import simulate_moving
-from clradar.motion.timing import SweepTiming
+from clradar.motion.sweep import MovingScene, simulate_moving
 from clradar.opencl import Device
 from clradar.simulation import simulate
 

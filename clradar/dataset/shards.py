@@ -220,14 +220,15 @@ class ShardWriter:
         for name, values in self._labels.items():
             value = LABELS[name].value
             values.append(to_json(name, made_with) if value is None else value(drawn))
-        for name, array in sample.arrays.items():
+        for name, field in ((n, own) for n, own in ARRAYS.items() if n in sample.arrays):
+            array = sample.arrays[name]
             if name.startswith(MESH):
-                self._write(_mesh_place(drawn.sample, name), ARRAYS[name], array)
+                self._write(_mesh_place(drawn.sample, name), field, array)
                 continue
             if name not in self._file:
                 shape = array.shape
                 sizes = {"maxshape": (None, *shape), "chunks": (1, *shape)}
-                self._write(name, ARRAYS[name], array[None][:0], **sizes)
+                self._write(name, field, array[None][:0], **sizes)
             data = self._file[name]
             data.resize(row + 1, axis=0)
             data[row] = array

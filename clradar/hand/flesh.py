@@ -13,13 +13,13 @@ knuckles and about 29 mm thick there, wrist about 61 by 40 mm.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from clradar.errors import DeviceError
 from clradar.hand.joints import CHAINS, FINGERS
 from clradar.hand.skeleton import (
     FINGER_TIP_TISSUE_MM,
@@ -289,21 +289,15 @@ class FleshField:
         Nodes of cells without surface have the distance of the cell's middle: right in sign only.
         """
         n_x, n_y, n_z = self._cells
-        out = np.empty((_NODES * n_x, _NODES * n_y, _NODES * n_z), np.float32)
-        layers = self._at_once(4 * _NODES**3 * n_y * n_z)
-        _, *shape = self._shape
-        for first in range(0, n_x, layers):
-            some = out[_NODES * first : _NODES * (first + layers)]
-            buffer = self._buffers.empty(some.nbytes)
-            count = len(some) // _NODES
-            self._program.launch(
-                "flesh_nodes",
-                (n_z * _NODES**3 // self._device.width, n_y, count),
-                np.uint32(count), *shape, np.uint32(first),
-                *self._put, *self._near, self._distance, buffer,
-            )  # fmt: skip
-            some[:] = self._buffers.read(buffer, some.shape, np.float32)
-            self._buffers.release(buffer)
+        shape = (_NODES * n_x, _NODES * n_y, _NODES * n_z)
+        buffer = self._buffers.empty(4 * math.prod(shape))
+        self._program.launch(
+            "flesh_nodes",
+            (n_z * _NODES**3 // self._device.width, n_y, n_x),
+            *self._shape, *self._put, *self._near, self._distance, buffer,
+        )  # fmt: skip
+        out = self._buffers.read(buffer, shape, np.float32)
+        self._buffers.release(buffer)
         return out
 
     def distances_m(self, points_m: np.ndarray) -> np.ndarray:
@@ -324,35 +318,19 @@ class FleshField:
     def _of_points(
         self, name: str, points_m: np.ndarray, n_rows: int, dtype: Any = np.float32
     ) -> np.ndarray:
-        out = np.empty((n_rows, len(points_m)), dtype)
-        at_once = self._at_once(4 * (3 + n_rows) * _PADDED) * _PADDED
-        for first in range(0, len(points_m), at_once):
-            some_m = points_m[first : first + at_once]
-            n = len(some_m)
-            columns = np.zeros((3, n + -n % _PADDED), np.float32)
-            columns[:, :n] = (some_m - self._middle_m).T
-            n_padded = columns.shape[1]
-            points = self._buffers.borrow(columns)
-            result = self._buffers.empty(4 * n_rows * n_padded)
-            self._program.launch(
-                name, (n_padded // self._device.width,),
-                np.uint32(n_padded), *self._shape, *self._put, *self._near, points, result,
-            )  # fmt: skip
-            out[:, first : first + n] = self._buffers.read(result, (n_rows, n_padded), dtype)[:, :n]
-            for buffer in (points, result):
-                self._buffers.release(buffer)
+        n = len(points_m)
+        columns = np.zeros((3, n + -n % _PADDED), np.float32)
+        columns[:, :n] = (points_m - self._middle_m).T
+        n_padded = columns.shape[1]
+        points, result = self._buffers.borrow(columns), self._buffers.empty(4 * n_rows * n_padded)
+        self._program.launch(
+            name, (n_padded // self._device.width,),
+            np.uint32(n_padded), *self._shape, *self._put, *self._near, points, result,
+        )  # fmt: skip
+        out = self._buffers.read(result, (n_rows, n_padded), dtype)[:, :n]
+        for buffer in (points, result):
+            self._buffers.release(buffer)
         return out
-
-    def _at_once(self, n_bytes: int) -> int:
-        """Return how many pieces of `n_bytes` a launch handles; no result depends on it."""
-        free_bytes = min(self._buffers.free_bytes, self._device.max_buffer_bytes)
-        if free_bytes < n_bytes:
-            raise DeviceError(
-                f"device {self._device.info.label}: a hand's surface needs {n_bytes} bytes more "
-                f"than are left ({free_bytes}); use longer edges, or choose another device with "
-                f"CLRADAR_DEVICE=..."
-            )
-        return free_bytes // n_bytes
 
 
 def _records(flesh: Flesh, origin_m: np.ndarray) -> np.ndarray:

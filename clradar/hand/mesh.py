@@ -340,19 +340,14 @@ def _close_pairs(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _edge_meets(begin_m: np.ndarray, edge_m: np.ndarray, triangles_m: np.ndarray) -> np.ndarray:
     """Return for N edges and N triangles whether the edge meets the triangle.
 
-    After Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", Journal of
-    Graphics Tools 2(1), 1997.
+    By signs: an edge's line passes all sides of a triangle that it meets in the same sense.
     """
-    first_m = triangles_m[:, 1] - triangles_m[:, 0]
-    second_m = triangles_m[:, 2] - triangles_m[:, 0]
-    from_corner_m = begin_m - triangles_m[:, 0]
-    across = np.cross(edge_m, second_m)
-    turned = np.cross(from_corner_m, first_m)
-    determinant = np.einsum("ij,ij->i", first_m, across)
-    size = np.linalg.norm(np.cross(first_m, second_m), axis=1) * np.linalg.norm(edge_m, axis=1)
+    a, b, c = (triangles_m - begin_m[:, None]).swapaxes(0, 1)
+    sides = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+    past = np.einsum("ij,kij->ki", edge_m, sides)
+    normal, rise = sides.sum(axis=0), past.sum(axis=0)
+    size = np.linalg.norm(normal, axis=1) * np.linalg.norm(edge_m, axis=1)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        u = np.einsum("ij,ij->i", from_corner_m, across) / determinant
-        v = np.einsum("ij,ij->i", edge_m, turned) / determinant
-        t = np.einsum("ij,ij->i", second_m, turned) / determinant
-        inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0)
-        return inside & (t >= 0.0) & (t <= 1.0) & (np.abs(determinant) > _LEAST_SLOPE * size)
+        share = np.einsum("ij,ij->i", a, normal) / rise
+    inside = (past >= 0.0).all(axis=0) | (past <= 0.0).all(axis=0)
+    return inside & (share >= 0.0) & (share <= 1.0) & (np.abs(rise) > _LEAST_SLOPE * size)

@@ -84,10 +84,8 @@ def draw_channels(
 
     Examples
     --------
-    >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 16)
-    >>> channels = clradar.draw_channels(array, waveform, seed=1, gain_db=3, dead_rx=[12])
-    >>> bool(0.70 < abs(channels.tx_gain).min() < abs(channels.tx_gain).max() < 1.42)  # 3 dB
-    True
+    >>> clradar.draw_channels(capture.array, capture.waveform, dead_rx=[0]).rx_gain
+    array([0.+0.j])
     """
     checks.instance("draw_channels: array", array, AntennaArray)
     checks.instance("draw_channels: waveform", waveform, Waveform)

@@ -207,12 +207,9 @@ def impair(
 
     Examples
     --------
-    >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
-    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)
-    >>> clean = clradar.room_capture(array, waveform, [], points_m=[[0, 0, 0.3]])
-    >>> noisy = clradar.impair(clean, snr_db=20, seed=1)
-    >>> print(f"{10 * np.log10(np.mean(np.abs(noisy.data - clean.data) ** 2)):.0f} dB")
-    -20 dB
+    >>> noisy = clradar.impair(capture, snr_db=20, seed=1)
+    >>> noisy.meta["impairments"][0]["snr_db"]
+    20.0
     """
     checks.instance("impair: capture", capture, Capture)
     n_tx, n_rx = capture.array.n_tx, capture.array.n_rx

@@ -23,8 +23,7 @@ from clradar.hand.skin import Skin, skin_weights
 from clradar.model import Scene, checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
-from clradar.motion.bodies import BodyInSweep
-from clradar.motion.rigid import PROFILES, STILL, RigidMotion, between, moved, pieces
+from clradar.motion.rigid import PROFILES, STILL, BodyInSweep, RigidMotion, between, moved, pieces
 from clradar.opencl import Device
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Instants at which a moving scene is simulated, and the interpolation between them.
+"""When samples are recorded, at which instants a moving scene is simulated, and interpolation.
 
 E15 in ``docs/equations.md``.
 """
@@ -15,15 +15,21 @@ from numpy.polynomial import chebyshev
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import ModelError, warn
-from clradar.model import AntennaArray, Waveform
-from clradar.motion.bodies import BodyInSweep
+from clradar.model import AntennaArray, Waveform, checks
+from clradar.model.record import Record
+from clradar.motion.rigid import BodyInSweep
+
+STEP_S = 2.5e-6
+"""Time of one frequency at one Tx. The imager's own is not published: this is an assumption, by
+which its 94 Tx and 128 frequencies take 30 ms."""
+
+RATE_HZ = 8.0  # frames per second of the recordings that are known
+ORDERS = ("tx", "frequency")
 
 COUNTS = tuple(sorted({round(2 ** (step / 4)) for step in range(33)}))
 """Numbers of instants that are tried for a piece, 1 to 256."""
 
 PARTS = tuple(2**step for step in range(11))  # numbers of parts of the Tx that are tried
-CHECKED = 2**12  # most times at which an interpolation is checked; 256 instants need fewer
-STEP_RAD = 0.4  # by which a phase turns between two of these times, where it turns evenly
 NODES = 16  # places of a probe between two marks: of an eighth of a turn their polynomial is exact
 MOST_INSTANTS = 2048
 """Of a sweep. What needs more is most likely in another unit."""
@@ -35,6 +41,49 @@ by -24 to -6 dB, of less by -41 to -15 dB (docs/movement.md)."""
 _DIRECTIONS = np.array(sorted(set(product((-1, 0, 1), repeat=3)) - {(0, 0, 0)}))
 _SAMPLED_TIMES = 8
 _FASTEST = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class SweepTiming(Record):
+    """When the samples of one sweep are recorded, from its beginning on.
+
+    Parameters
+    ----------
+    times_s : array_like, shape (n_tx, n_rx or 1, n_freq), float64
+        Of every sample; with one column all Rx record at the same time.
+    """
+
+    times_s: Any
+
+    def __post_init__(self) -> None:
+        self._set_array("times_s", np.float64, (None, None, None), " (tx, rx or 1, freq)")
+
+    @classmethod
+    def in_order(
+        cls, n_tx: int, n_freq: int, *, step_s: float = STEP_S, order: str = "tx"
+    ) -> SweepTiming:
+        """Return the timing of Tx that take turns, a sample each `step_s`, at all Rx at once.
+
+        The order "tx" records all frequencies at each Tx, "frequency" switches through all Tx at
+        each frequency; a step of 0 records all at once.
+        """
+        n_tx = checks.whole("n_tx", n_tx, 1)
+        n_freq = checks.whole("n_freq", n_freq, 1)
+        step_s = checks.within("step_s", step_s, 0.0, np.inf, " s")
+        checks.one_of("order", order, ORDERS)
+        tx, step = np.arange(n_tx)[:, None, None], np.arange(n_freq)[None, None]
+        slot = tx * n_freq + step if order == "tx" else step * n_tx + tx
+        return cls(slot * step_s)
+
+    @property
+    def begin_s(self) -> float:
+        """Time of the first sample."""
+        return float(self.times_s.min())
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last sample."""
+        return float(self.times_s.max())
 
 
 def too_fast() -> ModelError:
@@ -107,7 +156,7 @@ class Probes:
         Warns of skin that tears.
         """
         marks_s = np.unique(np.concatenate([[begin_s, end_s], *(body.marks_s for body in bodies)]))
-        if len(marks_s) > CHECKED:
+        if len(marks_s) > 2 * MOST_INSTANTS:
             raise too_fast()
         rows, stretch = [], 1.0
         for body in bodies:
@@ -200,16 +249,15 @@ def planned(
         # Between two marks a body goes one way and turns by no more than an eighth of a turn. So
         # the phases at a few times tell how far they turn, and nothing between them is missed.
         turned = np.abs(np.diff(phases(np.linspace(begin_s, end_s, 17)), axis=0)).sum(axis=0)
-        n_checked = int(np.ceil(float(turned.max()) / STEP_RAD)) + 1
         least = turned.max() / np.pi  # a polynomial has no more zeros than its degree
         error, checked_s, true, piece = np.inf, np.empty(0), np.empty(0), direct
         for count in COUNTS:
             if len(samples_s) <= count:
                 return direct
-            if count < least or n_checked > CHECKED:
+            if count < least:
                 continue
             if len(checked_s) < 4 * count:
-                checked_s = np.linspace(begin_s, end_s, max(n_checked, 16 * count))
+                checked_s = np.linspace(begin_s, end_s, 16 * count)
                 true = np.exp(-1j * phases(checked_s))
             piece = Piece.between(begin_s, end_s, count)
             shares = np.stack(list(piece.shares(checked_s)))

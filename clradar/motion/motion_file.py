@@ -28,14 +28,15 @@ from clradar.files.records import (
 from clradar.hand.mesh import DEFAULT_CENTER_M, DEFAULT_EDGE_LENGTH_M
 from clradar.hand.shape import AVERAGE, HandShape
 from clradar.model import AntennaArray, Scene, Waveform, checks
-from clradar.motion.bodies import MovingBody, MovingScene
 from clradar.motion.hands import MovingHand
-from clradar.motion.rigid import BEYOND, PROFILES, STILL, RigidMotion
-from clradar.motion.timing import ORDERS, STEP_S, SweepTiming
+from clradar.motion.instants import ORDERS, STEP_S, SweepTiming
+from clradar.motion.rigid import BEYOND, PROFILES, STILL, MovingBody, RigidMotion
+from clradar.motion.sweep import MovingScene
 from clradar.opencl import Device
 
 MAX_PLACES = 10_000
 ZERO = (0.0, 0.0, 0.0)
+TIME_US = "a time of at least 0 microseconds"
 Time = Annotated[Number, Field(description="a time in seconds")]
 FileName = Annotated[str, text("the name of a file")]
 
@@ -155,15 +156,11 @@ class HandTable(Moving):
         )  # fmt: skip
 
 
-_TIME_US = "a time of at least 0 microseconds"
-
-
 class SweepTable(FileRecord):
     """When the samples of a sweep are recorded."""
 
     order: Annotated[str, one_of(*ORDERS)] = "tx"
-    step_us: Annotated[Number, Field(ge=0, lt=1e9, description=_TIME_US)] = 1e6 * STEP_S
-    cluster_us: Annotated[Number, Field(ge=0, lt=1e12, description=_TIME_US)] | None = None
+    step_us: Annotated[Number, Field(ge=0, lt=1e9, description=TIME_US)] = 1e6 * STEP_S
 
 
 class MotionFile(FileRecord):
@@ -199,12 +196,12 @@ class Motion:
 
     def timings(self, clusters: Sequence[AntennaArray], waveform: Waveform) -> list[SweepTiming]:
         """Return when samples are recorded by clusters that take turns, or by the only array."""
-        step_s, order, turn_us = self.sweep.step_us / 1e6, self.sweep.order, self.sweep.cluster_us
+        step_s, order = self.sweep.step_us / 1e6, self.sweep.order
         own = [
             SweepTiming.in_order(array.n_tx, waveform.n_freq, step_s=step_s, order=order)
             for array in clusters
         ]
-        turn_s = own[0].end_s - own[0].begin_s + step_s if turn_us is None else turn_us / 1e6
+        turn_s = own[0].end_s - own[0].begin_s + step_s
         return [SweepTiming(timing.times_s + i * turn_s) for i, timing in enumerate(own)]
 
     def scene(
@@ -237,13 +234,7 @@ def read_motion(path: str | os.PathLike[str]) -> Motion:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> text = '''
-    ... [[body]]
-    ... velocity_mm_per_s = [0, 0, 500]
-    ... '''
-    >>> _ = Path("away.toml").write_text(text)
-    >>> clradar.read_motion("away.toml").bodies[""].at(0.1)[:3, 3].tolist()
+    >>> clradar.read_motion("motion.toml").bodies[""].at(0.1)[:3, 3].tolist()
     [0.0, 0.0, 0.05]
     """
     path, expected = Path(path), "a motion (a TOML file, see docs/movement.md)"

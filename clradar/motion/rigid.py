@@ -1,8 +1,8 @@
-"""Rigid motions: where a body is at any time, between places that are given."""
+"""Rigid motions, between places that are given, and bodies that move, on the same faces."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clradar.hand.pose import minimum_jerk
-from clradar.model import checks
+from clradar.model import Scene, checks
 from clradar.model.record import Record
 
 if TYPE_CHECKING:
@@ -158,3 +158,53 @@ def _way(first_rad: np.ndarray, last_rad: np.ndarray) -> tuple[Rotation, np.ndar
 
 
 STILL = RigidMotion([0.0], [(0.0, 0.0, 0.0)])  # of what stays in its place
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyInSweep:
+    """A body during one sweep, on the same faces at all times.
+
+    Between two of `marks_s` it goes one way, and turns by no more than an eighth of a turn; without
+    any it stays in its place. `scene(time_s)` is the body, `vertices_m(time_s, rows)` are some of
+    its vertices or all, metres. `carried` are the faces of skin that moves with bones, and tears.
+    """
+
+    marks_s: np.ndarray
+    scene: Callable[[float], Scene]
+    vertices_m: Callable[[float, Any], np.ndarray]
+    carried: np.ndarray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class MovingBody(Record):
+    """A scene that moves as a rigid body.
+
+    Parameters
+    ----------
+    scene : Scene
+        In its place before the motion.
+    motion : RigidMotion, optional
+        Without one it stays.
+    """
+
+    scene: Scene
+    motion: RigidMotion = STILL
+
+    def __post_init__(self) -> None:
+        checks.instance("MovingBody.scene", self.scene, Scene)
+        checks.instance("MovingBody.motion", self.motion, RigidMotion)
+
+    def during(self, begin_s: float, end_s: float) -> BodyInSweep:
+        """Return the body during a sweep.
+
+        :meta private:
+        """
+        return BodyInSweep(self.motion.marks_s(begin_s, end_s), self._at, self._vertices_m)
+
+    def _at(self, time_s: float) -> Scene:
+        matrix = self.motion.at(time_s)
+        # The same record, so that what stays has the bits of a simulation without a motion.
+        return self.scene if (matrix == np.eye(4)).all() else self.scene.transformed(matrix)
+
+    def _vertices_m(self, time_s: float, rows: Any) -> np.ndarray:
+        return moved(self.motion.at(time_s), self.scene.vertices_m[rows])

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import ClradarWarning
-from clradar.model import AntennaArray, Capture, Waveform, checks
+from clradar.model import AntennaArray, Capture, Scene, Waveform, checks
 from clradar.model.progress import Progress
-from clradar.motion.bodies import MovingScene
-from clradar.motion.instants import MIDDLE, Probes, planned
-from clradar.motion.timing import SweepTiming
+from clradar.model.record import Record
+from clradar.motion.instants import MIDDLE, Probes, SweepTiming, planned
+from clradar.motion.rigid import BodyInSweep
 from clradar.opencl import Device, open_device
 from clradar.simulation import simulate
 from clradar.tracing.ambiguous import warn_of_ambiguity
@@ -23,6 +24,40 @@ from clradar.tracing.surface_samples import sampled_as
 
 AMBIGUOUS = "simulate: the scene (is as wide as|reaches to)"
 """How `warn_of_ambiguity` begins: the lobes of some Tx are not those of the array."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class MovingScene(Record):
+    """Bodies that move, seen together.
+
+    Parameters
+    ----------
+    bodies : sequence of MovingBody or MovingHand
+    finish : callable, optional
+        Sets alphas or materials of the scene of all bodies, with the same faces.
+    """
+
+    bodies: Sequence[Any]
+    finish: Callable[[Scene], Scene] | None = None
+
+    def __post_init__(self) -> None:
+        bodies = tuple(checks.several("MovingScene.bodies", self.bodies))
+        if not bodies or not all(hasattr(body, "during") for body in bodies):
+            checks.fail("MovingScene.bodies", "MovingBody or MovingHand, at least one", bodies)
+        self._set(bodies=bodies)
+
+    def at(self, time_s: float) -> Scene:
+        """Return the scene at a time, as a sweep without duration sees it."""
+        return self.seen([body.during(time_s, time_s) for body in self.bodies], time_s)
+
+    def seen(self, bodies: Sequence[BodyInSweep], time_s: float) -> Scene:
+        """Return the scene at a time of the sweep that its bodies are of.
+
+        :meta private:
+        """
+        scenes = [body.scene(time_s) for body in bodies]
+        scene = scenes[0] if len(scenes) == 1 else Scene.combine(scenes)
+        return scene if self.finish is None else self.finish(scene)
 
 
 @takes_settings

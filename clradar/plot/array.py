@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from clradar.arrays.figures_of_merit import ArrayFigures
+from clradar.arrays.lobes import ArrayFigures
 from clradar.arrays.point_spread import Clusters, clusters_of, response
 from clradar.model import Waveform
 from clradar.model.length_unit import METRES, LengthUnit, unit_for

@@ -1,4 +1,4 @@
 from .anatomy import UNITS_M as UNITS_M
-from .mano import rotations_of_theta as rotations_of_theta, theta_of_rotations as theta_of_rotations
+from .mano import rotations_of_theta as rotations_of_theta
 from .reading import read_rig as read_rig
 from .rig import Rig as Rig

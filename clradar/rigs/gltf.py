@@ -29,7 +29,6 @@ from clradar.files.meshes.gltf_document import (
 from clradar.hand import JOINT_NAMES
 from clradar.hand.joints import CHAINS, WRIST
 from clradar.model import checks
-from clradar.rigs.anatomy import check_joints, check_side
 from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
 from clradar.rigs.rig import MAX_VERTICES, Surface, rig_of
 
@@ -68,8 +67,6 @@ def plain_gltf(
         joints, local = world[:, :3, 3], world[:, :3, :3]
         norm = np.linalg.norm(local, axis=1, keepdims=True)
         local = local / np.where(norm > 0.0, norm, 1.0)
-        check_joints(joints)
-        side = check_side(joints, side)
         return rig_of(str(path), joints, local, surface, side, unit_m, ignored=ignored).plain()
 
 

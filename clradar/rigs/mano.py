@@ -12,22 +12,24 @@ and linear blend skinning about the joints J with the weights of the file.
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csc_matrix
 
 from clradar.errors import RigError
 from clradar.files.confined.process import file_bytes
 from clradar.files.failures import reading
-from clradar.files.limits import MAX_MESH_BYTES
+from clradar.files.limits import MAX_MESH_BYTES, MAX_SPARSE_ELEMENTS
+from clradar.files.pickles import ARRAYS, Fixed, Names, PickledArray, array_shape, load, refuse
 from clradar.hand import JOINT_NAMES
 from clradar.model import checks
-from clradar.rigs.anatomy import TIPS, check_joints, check_side
-from clradar.rigs.mano_pickle import as_array, load_mano
+from clradar.rigs.anatomy import TIPS
 from clradar.rigs.names import side_in
-from clradar.rigs.rig import MANO_JOINTS, PoseBlend, Rig, Surface, rig_of
+from clradar.rigs.rig import MANO_JOINTS, Rig, Surface, rig_of
 
 EXPECTED = "a MANO hand model (.pkl or .npz)"
 
@@ -38,8 +40,6 @@ TIP_VERTICES = (744, 320, 443, 554, 671)
 """Vertices of the 778 at the tips, thumb first, as in the package smplx (vertex_ids.py)."""
 
 _N_ANGLES = 3 * (len(MANO_JOINTS) - 1)
-
-_OPTIONAL = {"hands_mean": (_N_ANGLES,), "hands_components": (None, _N_ANGLES)}
 
 
 def _shapes(n_vertices: int) -> dict[str, tuple[int | None, ...]]:
@@ -71,28 +71,23 @@ def plain_mano(
         joints[list(MANO_JOINTS)] = fields["J_regressor"] @ shaped
         if len(shaped) == N_VERTICES:
             joints[list(TIPS)] = shaped[list(TIP_VERTICES)]
-        check_joints(joints)
-        side = check_side(joints, handedness or side_in(path.stem))
+        side = handedness or side_in(path.stem)
         rows, column = np.nonzero(weights)
         surface = Surface.grouped(
             "model", fields["f"], rows, np.array(MANO_JOINTS)[column],
             weights[rows, column], shaped[rows],
         )  # fmt: skip
         used = np.unique(fields["f"])  # vertices without faces are dropped
-        blend = PoseBlend(
-            directions=np.ascontiguousarray(fields["posedirs"][used]),
-            hands_mean=fields.get("hands_mean", np.zeros(_N_ANGLES)),
-            hands_components=fields.get("hands_components", np.zeros((0, _N_ANGLES))),
-        )
+        blend = np.ascontiguousarray(fields["posedirs"][used])
         local = np.broadcast_to(np.eye(3), (len(JOINT_NAMES), 3, 3))
         return rig_of(str(path), joints, local, surface, side, unit_m, blend=blend).plain()
 
 
 def _pickled(content: bytes) -> dict[str, np.ndarray]:
-    model = load_mano(content)
+    model = load(content, _NAMES, "hand model")
     if not isinstance(model, dict):
         checks.fail("pickle", "a dictionary", type(model).__name__)
-    return {name: as_array(model[name]) for name in (*_shapes(0), *_OPTIONAL) if name in model}
+    return {name: as_array(model[name]) for name in _shapes(0) if name in model}
 
 
 def _npz(content: bytes) -> dict[str, np.ndarray]:
@@ -102,7 +97,7 @@ def _npz(content: bytes) -> dict[str, np.ndarray]:
     if size > MAX_MESH_BYTES:
         checks.fail("archive", f"at most {MAX_MESH_BYTES} bytes", size)
     with np.load(stream, allow_pickle=False) as arrays:
-        names = [name for name in (*_shapes(0), *_OPTIONAL) if name in arrays]
+        names = [name for name in _shapes(0) if name in arrays]
         return {name: np.asarray(arrays[name]) for name in names}
 
 
@@ -111,11 +106,10 @@ def _checked(model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         checks.fail("model", f"an array '{missing[0]}'", f"only {sorted(model)}")
     n_vertices = len(np.atleast_1d(model["v_template"]))
     fields = {}
-    for name, shape in {**_shapes(n_vertices), **_OPTIONAL}.items():
-        if name in model:
-            dtype = np.int64 if name == "f" else np.float64
-            checks.read_only(name, model[name], dtype, shape)
-            fields[name] = model[name].astype(dtype)
+    for name, shape in _shapes(n_vertices).items():
+        dtype = np.int64 if name == "f" else np.float64
+        checks.read_only(name, model[name], dtype, shape)
+        fields[name] = model[name].astype(dtype)
     tree = fields["kintree_table"]
     checks.indices("f", fields["f"], n_vertices)
     # The root's parent is -1, written as an unsigned number.
@@ -143,7 +137,8 @@ def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
     """
     from scipy.spatial.transform import Rotation
 
-    _check_model(rig)
+    if rig.blend is None:
+        checks.fail("rig", "a MANO model", rig.label)
     theta = checks.read_only("theta_rad", theta_rad, np.float64, (3 * len(MANO_JOINTS),))
     # SciPy takes no array that is read-only.
     own = Rotation.from_rotvec(theta.reshape(-1, 3).copy()).as_matrix()
@@ -155,24 +150,120 @@ def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
     return rig.axes @ rotations @ rig.axes.T
 
 
-def _check_model(rig: Rig) -> None:
-    if rig.blend is None:
-        checks.fail("rig", "a MANO model", rig.label)
+# --- pickles of a model: numpy, scipy's sparse matrices, chumpy; see `clradar.files.pickles`
+
+_MAX_NESTING = 6
+"""Of chumpy objects; each level can have two inner ones. The models have a Select of a Ch."""
 
 
-def theta_of_rotations(rig: Rig, rotations: np.ndarray) -> np.ndarray:
-    """Return the pose theta (48,) of absolute rotations (25, 3, 3), as of `Rig.rotations`.
+class _Object(metaclass=Fixed):
+    """An object with attributes."""
 
-    Examples
-    --------
-    >>> theta = np.linspace(-0.5, 0.5, 48)
-    >>> rotations = clradar.rigs.rotations_of_theta(rig, theta)
-    >>> bool(np.allclose(clradar.rigs.theta_of_rotations(rig, rotations), theta))
-    True
-    """
-    from scipy.spatial.transform import Rotation
+    __slots__ = ("state",)
 
-    _check_model(rig)
-    absolute = (rig.axes.T @ rotations @ rig.axes)[list(MANO_JOINTS)]
-    own = [r if p < 0 else absolute[p].T @ r for p, r in zip(PARENTS, absolute, strict=True)]
-    return Rotation.from_matrix(np.stack(own)).as_rotvec().reshape(-1)
+    def __init__(self, *_arguments: Any) -> None:
+        self.state: dict[str, Any] = {}
+
+    def __setstate__(self, state: Any) -> None:
+        # A dictionary, or that and one of the slots.
+        both = state if isinstance(state, tuple) and len(state) == 2 else (state,)
+        parts = [part for part in both if part is not None]
+        if not all(isinstance(part, dict) for part in parts):
+            refuse("an object whose state is no dictionary")
+        self.state = {name: value for part in parts for name, value in part.items()}
+
+
+class ByColumns(_Object):
+    """A matrix of scipy in compressed columns."""
+
+
+class Ch(_Object):
+    """An object of the package chumpy that holds an array `x`."""
+
+
+class Select(_Object):
+    """One that takes elements of `a`."""
+
+
+def as_array(value: Any, depth: int = 0) -> np.ndarray:
+    """Convert a value of the file to an array: dense, sparse, a number, or of chumpy."""
+    if depth > _MAX_NESTING:
+        refuse(f"chumpy objects nested more than {_MAX_NESTING} deep")
+    if isinstance(value, PickledArray):
+        if not isinstance(value.value, np.ndarray):
+            refuse("an array of objects where numbers are needed")
+        return value.value
+    if isinstance(value, ByColumns):
+        return _dense(value)
+    if isinstance(value, Ch):
+        return as_array(value.state.get("x"), depth + 1)
+    if isinstance(value, Select):
+        source, at = (as_array(value.state.get(name), depth + 1) for name in ("a", "idxs"))
+        if at.dtype.kind not in "iu" or (at.size and not 0 <= at.min() <= at.max() < source.size):
+            refuse("a chumpy.reordering.Select whose elements do not exist")
+        shape = value.state.get("preferred_shape", at.shape)
+        if isinstance(shape, PickledArray):
+            shape = [int(n) for n in as_array(shape).reshape(-1)]
+        shape = tuple(shape) if isinstance(shape, list) else shape
+        return source.reshape(-1)[at].reshape(array_shape(at.shape if shape is None else shape))
+    if isinstance(value, int | float | np.number) and not isinstance(value, bool):
+        return np.asarray(value)
+    refuse(f"{type(value).__name__} where an array is needed")
+
+
+def _dense(value: ByColumns) -> np.ndarray:
+    shape = value.state.get("_shape") or value.state.get("shape")
+    parts = [value.state.get(name) for name in ("data", "indices", "indptr")]
+    if not isinstance(shape, tuple) or not all(isinstance(p, PickledArray) for p in parts):
+        refuse("a sparse matrix without data, indices, indptr and shape")
+    data, indices, starts = (as_array(part) for part in parts)
+    kinds = data.dtype.kind in "iuf", indices.dtype.kind in "iu", starts.dtype.kind in "iu"
+    shape = array_shape(shape)
+    if len(shape) != 2 or not all(kinds) or math.prod(shape) > MAX_SPARSE_ELEMENTS:
+        refuse("a sparse matrix whose parts do not fit together")
+    try:
+        matrix = csc_matrix((data.astype(np.float64), indices, starts), shape)
+        matrix.check_format(full_check=True)
+    except ValueError:
+        refuse("a sparse matrix whose parts do not fit together")
+    return np.asarray(matrix.toarray())
+
+
+class _Listed(metaclass=Fixed):
+    """A set, list or tuple of a list; also `object`, the base of classes that nobody makes."""
+
+    def __new__(cls, items: Any = ()) -> Any:
+        if not isinstance(items, list | tuple):
+            refuse("a collection of something else than a list")
+        return items
+
+
+class _Dictionary(metaclass=Fixed):
+    def __new__(cls, *_arguments: Any) -> Any:
+        return {}
+
+
+class _Reconstructor(metaclass=Fixed):
+    """What Python 2 makes objects with: of the class that it is given."""
+
+    def __new__(cls, kind: Any, _base: Any, _state: Any) -> Any:
+        if not isinstance(kind, Fixed) or not issubclass(kind, _Object | _Dictionary):
+            refuse("an object without a class")
+        return kind()
+
+
+_BUILTINS = {"dict": _Dictionary} | dict.fromkeys(
+    ("object", "set", "frozenset", "list", "tuple"), _Listed
+)
+_SPARSE = ("scipy.sparse", "scipy.sparse.csc", "scipy.sparse._csc")
+_NAMES: Names = {
+    **ARRAYS,
+    ("collections", "OrderedDict"): _Dictionary,
+    ("chumpy.ch", "Ch"): Ch,
+    ("chumpy", "Ch"): Ch,
+    ("chumpy.reordering", "Select"): Select,
+    ("copy_reg", "_reconstructor"): _Reconstructor,
+    ("copyreg", "_reconstructor"): _Reconstructor,
+    **{(m, name): made for m in ("__builtin__", "builtins") for name, made in _BUILTINS.items()},
+    **{(module, f"csc_{kind}"): ByColumns for module in _SPARSE for kind in ("matrix", "array")},
+}

@@ -52,15 +52,6 @@ def read_rig(
 
     Examples
     --------
-    A hand of three triangles in the format of MANO: every vertex is a joint.
-
-    >>> from clradar.rigs.mano import MANO_JOINTS, PARENTS
-    >>> rest = clradar.hand.posed_skeleton(clradar.hand.HandPose("rest"))
-    >>> np.savez(
-    ...     "MANO_RIGHT.npz", v_template=1e3 * rest.joints_m[list(MANO_JOINTS)],
-    ...     shapedirs=np.zeros((16, 3, 1)), posedirs=np.zeros((16, 3, 135)),
-    ...     J_regressor=np.eye(16), weights=np.eye(16), f=[[1, 4, 7], [2, 5, 8], [3, 6, 9]],
-    ...     kintree_table=[PARENTS, range(16)])
     >>> rig = clradar.rigs.read_rig("MANO_RIGHT.npz", unit="mm")
     >>> rig.handedness, rig.unit_m
     ('right', 0.001)

@@ -22,7 +22,15 @@ from clradar.hand.skin import Skin, by_bone
 from clradar.model import checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
-from clradar.rigs.anatomy import canonical_axes, check_unit, parents_of, reach, rest_frames
+from clradar.rigs.anatomy import (
+    canonical_axes,
+    check_joints,
+    check_side,
+    check_unit,
+    parents_of,
+    reach,
+    rest_frames,
+)
 
 # The ball of the thumb belongs to the palm, as in the hand of this package.
 _PART_OF_JOINT = np.zeros(len(JOINT_NAMES), dtype=np.int64)
@@ -51,26 +59,6 @@ _MAX_DISTANCE = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PoseBlend(Record):
-    """Pose-dependent offsets of the vertices before skinning: the pose blend shapes of MANO.
-
-    `directions` (n_vertices, 3, 135), metres, per element of (rotation of the joint against its
-    parent) - identity, row by row, of `MANO_JOINTS` without the wrist; `hands_mean` (45,), radians,
-    and `hands_components` (n, 45).
-    """
-
-    directions: np.ndarray
-    hands_mean: np.ndarray
-    hands_components: np.ndarray
-
-    def __post_init__(self) -> None:
-        n = 3 * (len(MANO_JOINTS) - 1)
-        self._set_array("directions", np.float64, (None, 3, 3 * n), allow_empty=True)
-        self._set_array("hands_mean", np.float64, (n,), allow_empty=True)
-        self._set_array("hands_components", np.float64, (None, n), allow_empty=True)
-
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Rig(Record):
     """A rigged hand at rest, in metres, in the frame of `clradar.hand`'s right hand.
 
@@ -91,8 +79,9 @@ class Rig(Record):
     faces : ndarray, shape (F, 3), int32
     skin : Skin
         Of the vertices, in the coordinates of joints at rest.
-    blend : PoseBlend or None
-        Offsets of MANO.
+    blend : ndarray, shape (V, 3, 135), or None
+        MANO's offsets of vertices before skinning, metres, per element of (rotation of a joint
+        against its parent) - identity, row by row, of its joints without the wrist.
     ignored : tuple of str
         Meshes of the file that do not belong to the hand.
     """
@@ -105,7 +94,7 @@ class Rig(Record):
     frames: np.ndarray
     faces: np.ndarray
     skin: Skin
-    blend: PoseBlend | None = None
+    blend: np.ndarray | None = None
     ignored: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -116,6 +105,9 @@ class Rig(Record):
         self._set_array("joints_m", np.float64, (n, 3), finite=False)
         self._set_array("frames", np.float64, (n, 3, 3))
         self._set_array("faces", np.int32, (None, 3))
+        if self.blend is not None:
+            n = 9 * (len(MANO_JOINTS) - 1)
+            self._set_array("blend", np.float64, (len(self.skin), 3, n))
 
     def plain(self) -> dict[str, Any]:
         """The fields in plain types, of which `of_plain` makes the rig again."""
@@ -124,8 +116,7 @@ class Rig(Record):
     @classmethod
     def of_plain(cls, plain: dict[str, Any]) -> Rig:
         """The rig of what `plain` returned."""
-        blend = None if plain["blend"] is None else PoseBlend(**plain["blend"])
-        return cls(**{**plain, "skin": Skin(**plain["skin"]), "blend": blend})
+        return cls(**{**plain, "skin": Skin(**plain["skin"])})
 
     @property
     def known(self) -> np.ndarray:
@@ -157,7 +148,7 @@ class Rig(Record):
             parents = parents_of(self.known)[joints]
             against = np.swapaxes(rotations[parents], 1, 2) @ rotations[joints]
             own = self.axes.T @ against @ self.axes - np.eye(3)
-            offsets_m = (self.blend.directions @ own.reshape(-1)) @ self.axes.T
+            offsets_m = (self.blend @ own.reshape(-1)) @ self.axes.T
             turned = (self.skin.weights @ rotations.reshape(-1, 9)).reshape(-1, 3, 3)
             vertices_m += np.einsum("vij,vj->vi", turned, offsets_m)
         if not np.isfinite(vertices_m).all():
@@ -269,19 +260,21 @@ def rig_of(
     joints: np.ndarray,
     local_axes: np.ndarray,
     surface: Surface,
-    side: str,
+    side: str | None,
     unit_m: float,
     *,
-    blend: PoseBlend | None = None,
+    blend: np.ndarray | None = None,
     ignored: tuple[str, ...] = (),
 ) -> Rig:
-    """Return the rig of a hand of the file `label`.
+    """Return the rig of a hand of the file `label`, of a side that is given or named, or None.
 
     Joints (25, 3), NaN where the rig has none, directions (25, 3, 3) of its own coordinates at
     each, as columns, and the surface are in the file's coordinates and unit.
     """
     if not len(surface.faces):
         checks.fail("mesh", "faces with three corners", "none")
+    check_joints(joints)
+    side = check_side(joints, side)
     check_unit(joints, unit_m)
     rest = surface.rest()
     extent, size = float(np.ptp(rest, axis=0).max()), reach(joints)

@@ -118,7 +118,7 @@ def test_widths_of_an_array_are_not_called_its_resolution(cli):
         "[[tx]]\nline = { first_m = [-0.0275, 0, 0], last_m = [0.0275, 0, 0], n = 6 }\n"
         "[[rx]]\nline = { first_m = [0, -0.0375, 0], last_m = [0, 0.0375, 0], n = 5 }\n"
     )
-    line = "array cross.toml --band 60:62:5 --within-deg 10"
+    line = "array cross.toml --band 60:62:5"
     found = json.loads(cli.ok(f"{line} --json").out)
     assert len(found["widths_m"]) == 3
     assert "resolution_m" not in found

@@ -53,7 +53,7 @@ def test_every_option_of_simulate_reaches_the_library(cli, place, monkeypatch):
         raise ModelError("enough")
 
     monkeypatch.setattr(clradar, "simulate", fake)
-    Path("lab.toml").write_text("[[antennas]]\nring = { radius_m = 0.1, n = 5 }")
+    Path("lab.toml").write_text("[[antennas]]\nplane = { size_m = [0.2, 0], n = [5, 1] }")
     line = (
         "simulate hand.ply -o x.h5 --rays-per-face 3 --rays-per-sample 2 --reception-radius-mm 5 "
         "--max-bounces 4 --normals face --crease-deg 12 --facets flat --seed 9 --array lab.toml "

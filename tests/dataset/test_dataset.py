@@ -31,18 +31,18 @@ from clradar.dataset import (
     run,
 )
 from clradar.dataset.contact_sheet import contact_sheet
-from clradar.dataset.folder import MANIFEST, check_dataset
-from clradar.dataset.runs import estimate
+from clradar.dataset.folder import MANIFEST, check_dataset, shard_name
+from clradar.dataset.runs import ShardMaker, Work, estimate
 from clradar.dataset.sample import _rig, placed_hand, read_recipe, rotation
 from clradar.dataset.shards import arrays_of, labels_of
 from clradar.errors import ClradarError, ModelError
 from clradar.hand import JOINT_NAMES, POSES, HandShape, hand_mesh
+from clradar.jobs.outcome import silent
 
 POINT_ERROR_M = 1e-9
 """Rotations and translations of decimetres in float64: rounding is some 1e-16 m."""
 
-SIZE_SHARE = 0.25
-"""How far the estimate of bytes may be off: samples compress differently."""
+SIZE_SHARE = 0.25  # as far may the estimate of bytes be off: samples compress differently
 
 HALF_FLOAT_M = 2e-8
 """float32 of lengths below 0.5 m: half of 2**-24 of 0.5 m is 1.5e-8 m."""
@@ -231,6 +231,13 @@ def test_the_command_replays(cli, made):
     status, out, err = cli("dataset --replay copy 4")
     assert (status, "joints: 1 of 75 numbers differ" in out) == (1, True)
     assert "1 difference" in err
+
+
+def test_a_shard_made_of_what_it_stored_has_the_same_bytes(made, tmp_path):
+    folder = Path(shutil.copytree(made, tmp_path / "copy"))
+    work = Work(shard_name(1), PLAN.shard_samples(1))
+    made_now = ShardMaker(folder, PLAN).run(work, clradar.open_device(DEVICE), silent)
+    assert (made_now.count, digests(folder)) == (0, digests(made))
 
 
 # What sums up a data set

@@ -137,7 +137,8 @@ def test_a_run_ends_after_samples_that_are_made_twice(cluster, tmp_path, monkeyp
     arguments = (begun, released, ended)
     key = ("item", "run", 1)
     future = cluster.submit(slowly, *arguments, key=key, resources={"DEVICE": 1})
-    wait_for(begun.exists)
+    while not begun.exists():
+        time.sleep(0.01)
     future.cancel()
     Workers(cluster)._await_late("another run")
     assert not ended.exists()
@@ -180,10 +181,3 @@ def test_an_address_without_a_scheduler_is_one_error(cli, monkeypatch):
     # Nor do tracebacks come of a scheduler that is lost later: they go through these.
     for name in ("distributed", "distributed.client", "tornado.application"):
         assert not logging.getLogger(name).isEnabledFor(logging.ERROR), name
-
-
-def wait_for(condition, limit_s=1800.0):
-    end_s = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end_s, "waited in vain"
-        time.sleep(0.01)

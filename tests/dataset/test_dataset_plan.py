@@ -160,7 +160,7 @@ def test_poses_and_antennas_of_files_beside_it_are_in_the_plan_and_in_every_reci
     write_pose(tmp_path / "mine.toml", mine)
     (tmp_path / "few.toml").write_text("""[[tx]]
 points_m = [[0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]]
-gain_db = [0, 0.1, 0]
+gain = [[1, 0], [1.1, 0], [1, 0]]
 [[rx]]
 points_m = [[0, 0.03, 0]]
 """)

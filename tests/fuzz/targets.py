@@ -214,7 +214,7 @@ TARGETS = {
     ),
     "array_toml": Target(
         "array.toml", _files("array-*.toml"), read_clusters, tuple,
-        _toml(b"n = 20000", b"[[pose]]", b"points_m", b"gain_db"),
+        _toml(b"n = 20000", b"[[pose]]", b"points_m", b"gain"),
     ),
     "pose_toml": Target(
         "pose.toml", _files("pose.toml"), read_pose, HandPose,

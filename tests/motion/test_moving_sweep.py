@@ -91,7 +91,6 @@ def test_a_file_has_bodies_hands_and_the_order_of_switching(tmp_path):
         ("sweep.order = 'rx'\n[[hand]]\npose = [{ time_s = 0, pose = 'A' }]", "sweep.order"),
         ("[[hand]]\nedge_mm = 0\npose = [{ time_s = 0, pose = 'A' }]", r"hand\[0\].*edge_length_m"),
         ("[[hand]]\nrig = 'x.glb'\ngirth = 1\npose = [{ time_s = 0, pose = 'A' }]", "girth.*rig"),
-        ("sweep.cluster_us = -1\n[[hand]]\npose = [{ time_s = 0, pose = 'A' }]", "cluster_us"),
     ],
 )  # fmt: skip
 def test_mistakes_name_the_file_and_the_key(tmp_path, text, said):

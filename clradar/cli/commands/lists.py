@@ -146,20 +146,17 @@ def array_command(
     at_mm: tuple[float, ...] = opt.option(
         "Point that the array is focused on.", "0,0,300", metavar="X,Y,Z", parse=FOCUS_MM
     ),
-    within_deg: float | None = opt.option("Lobes up to this angle. [default: 90, or less]"),
     as_json: bool = opt.JSON,
 ) -> None:
     """Widths are those of the response at -3 dB, without a window. A lobe is another direction
     whose echoes appear at the focus, too. Clusters are taken together. See docs/arrays.md.
     """
-    from clradar.arrays.figures_of_merit import LEVEL_DB
+    from clradar.arrays.lobes import LEVEL_DB
 
     clusters, waveform = radar.clusters(), radar.waveform()
     name = clusters[0].name.partition(", cluster ")[0]
     with console.bar("searching lobes"):
-        found = cl.arrays.array_figures(
-            clusters, waveform, opt.scaled(at_mm, 1e3), within_deg=within_deg
-        )
+        found = cl.arrays.array_figures(clusters, waveform, opt.scaled(at_mm, 1e3))
     first_ghz, last_ghz, _ = radar.band
     at = ",".join(f"{v:g}" for v in at_mm)
     title = f"{name}, {first_ghz:g} to {last_ghz:g} GHz, focused on {at} mm"

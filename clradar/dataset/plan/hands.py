@@ -41,7 +41,7 @@ from clradar.model import checks
 from clradar.model.known_materials import KNOWN, material
 from clradar.model.material import Material
 from clradar.model.material_file import SUFFIXES, material_of, read_materials
-from clradar.motion.timing import RATE_HZ, STEP_S
+from clradar.motion.instants import RATE_HZ, STEP_S
 
 POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
 """Names of sets of poses."""
