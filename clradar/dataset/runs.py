@@ -39,7 +39,7 @@ from clradar.dataset.shards import (
 from clradar.errors import ClradarError, DeviceError, MeasurementError, handled_warnings, warn
 from clradar.files.failures import fail
 from clradar.files.hashing import sha256_of
-from clradar.files.json_differences import differences
+from clradar.files.json_file import differences
 from clradar.jobs.job import Job
 from clradar.jobs.outcome import ATTEMPTS, made_with, reason_of
 from clradar.jobs.where import Where
