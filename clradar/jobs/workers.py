@@ -308,6 +308,10 @@ class Workers:
         pending: dict[distributed.Future, int] = {}
         ready: dict[int, distributed.Future] = {}
         submitted = 0
+
+        def killed(number: int) -> bool:  # of which the others need not wait for their turn
+            return bool(ready[number].status == "error")
+
         try:
             for turn in range(len(items)):
                 until = min(len(items), turn + max(1, ahead * len(self._known())))
@@ -319,11 +323,10 @@ class Workers:
                     pending[future] = number
                     finished.add(future)
                 submitted = max(submitted, until)
-                while not ready or (ordered and turn not in ready):
+                while not (due := [n for n in ready if not ordered or n == turn or killed(n)]):
                     future = next(finished)
                     ready[pending.pop(future)] = future
-                number = turn if ordered else next(iter(ready))
-                yield number, ready.pop(number)
+                yield due[0], ready.pop(due[0])
         finally:
             # Workers of a scheduler finish the items that they have begun, and leave what they made
             # to the next run.
