@@ -53,7 +53,7 @@ data = np.ones((1, 1, 2), np.complex64)
 save_capture("a.h5", clradar.Capture(data, array, clradar.Waveform.sfcw(72e9, 82e9, 2)))
 save_capture("a.h5", open_capture("a.h5"), force=True)  # the reader has closed it
 assert np.array_equal(open_capture("a.h5").data, data)
-assert process._server is None and not process._FORKS  # a process was started, not forked
+assert process._forking._process is None and not process._FORKS  # started, not forked
 Path("damaged.h5").write_bytes(Path("a.h5").read_bytes()[:900])
 try:
     open_capture("damaged.h5")

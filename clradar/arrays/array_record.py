@@ -21,7 +21,6 @@ from clradar.files.records import (
     Whole,
     made,
     mistake,
-    numbers,
     one_of,
 )
 from clradar.model import AntennaArray, AntennaPattern
@@ -50,7 +49,7 @@ class Line(FileRecord):
 class Plane(FileRecord):
     """n = [n_x, n_y] antennas on size_m = [width, height] about center_m, row by row."""
 
-    size_m: Annotated[tuple[float, ...], numbers(2), Field(description="[width, height] in metres")]
+    size_m: tuple[Number, Number] = Field(description="[width, height] in metres")
     n: tuple[Count, Count] = Field(description=f"[n_x, n_y], each {COUNT}")
     center_m: Place = (0.0, 0.0, 0.0)
 

@@ -170,7 +170,7 @@ def program(requested: str | None, debug: bool = False) -> typer.Typer:
     )
     app.callback()(_root)
     for name, summary in COMMANDS.items():
-        function: Callable[..., Any] = interrupts.ended  # of those that are not run, but listed
+        function: Callable[..., Any] = interrupts.heard  # of those that are not run, but listed
         if name == requested:
             require_own("calibration", "measurement_io")
             from clradar.cli.outputs import check_outputs
@@ -226,14 +226,13 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
     @functools.wraps(function)
     def run(*args: Any, **kwargs: Any) -> Any:
         try:
-            interrupts.working()
             return function(*args, **kwargs)
         except (typer.Exit, typer.Abort, typer.BadParameter):
             raise
         except KeyboardInterrupt as interruption:
             raise _interrupted(*interruption.args) from None
         except Exception as error:
-            if interrupts.waits():
+            if interrupts.heard():
                 raise _interrupted() from None
             if debug:
                 raise
@@ -241,14 +240,11 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
             for line in str(error).split("\n") if several else [_message(error)]:
                 console.error(line)
             raise typer.Exit(1) from None
-        finally:
-            interrupts.ended()
 
     return run
 
 
 def _interrupted(*words: str) -> typer.Exit:
-    interrupts.ended()
     console.error("; ".join(["interrupted", *words]), "")
     return typer.Exit(interrupts.exit_status())
 

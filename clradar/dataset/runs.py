@@ -40,7 +40,7 @@ from clradar.errors import ClradarError, DeviceError, MeasurementError, handled_
 from clradar.files.atomic import remove_temporaries
 from clradar.files.failures import fail
 from clradar.files.hashing import sha256_of
-from clradar.files.json_differences import differences
+from clradar.files.json_file import differences
 from clradar.jobs.job import Job
 from clradar.jobs.outcome import ATTEMPTS, made_with, reason_of
 from clradar.jobs.where import Where

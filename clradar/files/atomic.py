@@ -16,7 +16,6 @@ from pathlib import Path
 
 from clradar.errors import ClradarError, OutputError
 from clradar.files.failures import clean, shown
-from clradar.files.interrupts import postponed
 
 
 @contextmanager
@@ -188,8 +187,7 @@ def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
             temporary.mkdir()
             yield temporary
         finally:
-            with postponed():
-                shutil.rmtree(temporary, ignore_errors=True)
+            shutil.rmtree(temporary, ignore_errors=True)
 
 
 def move_folder(source: Path, target: Path) -> None:

@@ -3,29 +3,36 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 from clradar.errors import ClradarError, MeasurementError, ModelError
 from clradar.files.atomic import write_file
 from clradar.files.failures import read_bytes, reading
-from clradar.files.json_differences import differences
 from clradar.files.limits import MAX_JSON_BYTES, MAX_JSON_DEPTH
 
+MOST = 5  # differences that an error lists
+SHOWN = 60  # characters of a setting's value in an error
 
-def read_json(path: Path, expected: str, error: type[ClradarError] = MeasurementError) -> Any:
+
+def read_json(
+    path: Path,
+    expected: str,
+    error: type[ClradarError] = MeasurementError,
+    parse: Callable[[str], Any] | None = None,
+) -> Any:
     """Return the value in a file of at most `MAX_JSON_BYTES`, UTF-8, with or without a BOM."""
     content = read_bytes(path, expected, MAX_JSON_BYTES, error=error)
     with reading(path, expected, error=error):
-        return parse_json(content.decode("utf-8-sig"))
+        return (parse or parse_json)(content.decode("utf-8-sig"))
 
 
 def read_json_object(path: Path) -> dict[str, Any]:
     """Return the object in a JSON file of at most `MAX_JSON_BYTES`; errors as `read_json`."""
-    content = read_bytes(path, "a JSON file", MAX_JSON_BYTES)
-    with reading(path, "a JSON object in UTF-8"):
-        return parse_object(content.decode("utf-8-sig"))
+    found: dict[str, Any] = read_json(path, "a JSON object in UTF-8", parse=parse_object)
+    return found
 
 
 def write_json(path: Path, value: object, *, force: bool) -> None:
@@ -44,7 +51,8 @@ def parse_json(text: str, *, strict: bool = False) -> Any:
     value = json.loads(
         text, object_pairs_hook=_object, parse_constant=_no_constant if strict else float
     )
-    _check_depth(value)
+    if _depth(value) > MAX_JSON_DEPTH:
+        raise ValueError(f"more than {MAX_JSON_DEPTH} levels of nesting")
     return value
 
 
@@ -98,11 +106,35 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def _check_depth(value: Any) -> None:
-    level = [value]
-    for _ in range(MAX_JSON_DEPTH + 2):
-        tables = [list(item.values()) if isinstance(item, dict) else item for item in level]
-        level = [inner for item in tables if isinstance(item, list) for inner in item]
-        if not level:
-            return
-    raise ValueError(f"more than {MAX_JSON_DEPTH} levels of nesting")
+def _depth(value: Any) -> int:
+    """Levels of nesting; `RecursionError` of more than Python has."""
+    inner = value.values() if isinstance(value, dict) else value
+    return 1 + max(map(_depth, inner), default=0) if isinstance(value, dict | list) else 0
+
+
+def differences(before: Any, now: Any, name: str = "") -> list[str]:
+    """Return as text how two values of JSON differ, one line per setting."""
+    if before == now:
+        return []
+    texts = str(before), str(now)
+    if isinstance(before, dict) and isinstance(now, dict):
+        above = f"{name}." if name else ""
+        inner = ((f"{above}{key}", before.get(key), now.get(key)) for key in {**now, **before})
+        return [line for key, one, other in inner for line in differences(one, other, key)]
+    if isinstance(before, list) and isinstance(now, list) and max(map(len, texts)) > SHOWN:
+        found = [f"{name} of {len(before)}, now of {len(now)}"] * (len(before) != len(now))
+        for i, (one, other) in enumerate(zip(before, now, strict=False)):
+            found += differences(one, other, f"{name}[{i}]")
+        return found
+    # Long texts from about where they differ.
+    alike = takewhile(lambda pair: pair[0] == pair[1], zip(*texts, strict=False))
+    start = max(0, len([*alike]) - SHOWN // 3)
+    lead = "…" if start else ""
+    one, other = (lead + text[start:][:SHOWN] + "…" * (len(text) > start + SHOWN) for text in texts)
+    return [f"{name} {one}, now {other}"]
+
+
+def listed_differences(found: Sequence[str], most: int = MOST) -> str:
+    """Return differences in one line: the first `most` of them, and how many more there are."""
+    more = len(found) - most
+    return "; ".join(found[:most]) + (f"; {more} more" if more > 0 else "")

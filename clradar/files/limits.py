@@ -41,15 +41,11 @@ CPU_LIMIT_S = 3
 every `CPU_LIMIT_INFLATED_BYTES` that may come back, which a small file can hold compressed."""
 CPU_LIMIT_BYTES = 2**26
 CPU_LIMIT_INFLATED_BYTES = 2**28
-WALL_LIMIT_S = 3600
-"""Wall time, generous for slow disks; damaged files are stopped by the limit of processor time."""
-START_LIMIT_S = 60
-"""Wall time to start a process for one file, where that has to be done; then twice the limit of
-processor time, which Windows has none of."""
+START_LIMIT_S = 60  # wall time to start a process
 WALL_FACTOR = 20
-"""Wall time without a sign of a reader, per second of processor time: slow disks read 1 MB/s."""
+"""Wall time after that, per second of processor time: slow disks read 1 MB/s. Windows, which does
+not limit processor time, has 2."""
 MEMORY_BYTES = 2**30  # memory that reading may take on top of twice the content
-MAX_REQUEST_BYTES = 2**16
 MAX_ANSWER_HEADER_BYTES = 2**28
 
 # ---- pickles

@@ -11,7 +11,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from clradar.errors import ClradarError, MeasurementError, ModelError, quoted
@@ -22,7 +30,6 @@ from clradar.files.toml_file import choice_text, read_toml, toml_brief, unknown_
 Model = TypeVar("Model", bound=BaseModel)
 Made = TypeVar("Made")
 
-LONGEST = 1e15  # decimal numbers below this are shown as the whole number to write instead
 MOST_MISTAKES = 20  # that the text of an error lists
 _KEY_CHARACTERS = 80
 
@@ -85,75 +92,44 @@ def is_whole(value: object) -> bool:
 
 
 def checked(
-    expected: str | Callable[[Any], str],
-    good: Callable[[Any], bool],
-    made: Callable[[Any], Any] = lambda value: value,
+    expected: str | Callable[[Any], str], good: Callable[[Any], bool], when: Any = BeforeValidator
 ) -> Any:
-    """Return an annotation: a value for which `good` holds, as `made` of it."""
+    """Return an annotation: a value for which `good` holds, before or after it has its type."""
 
     def check(value: Any) -> Any:
         if not good(value):
             raise mistake(expected(value) if callable(expected) else expected)
-        return made(value)
+        return value
 
-    return BeforeValidator(check)
-
-
-def _whole(value: Any) -> int:
-    if isinstance(value, float) and value.is_integer() and abs(value) < LONGEST:
-        raise mistake("a whole number", f"the decimal number {value!r}; write {int(value)}")
-    if not is_whole(value):
-        raise mistake("a whole number")
-    return int(value)
+    return when(check)
 
 
 def _is_text(value: Any) -> bool:
     return isinstance(value, str) and 0 < len(value) <= 1000 and "\0" not in value
 
 
-def number_tuple(
-    value: Any, expected: str, counts: Sequence[int], *above: int
-) -> tuple[float, ...]:
-    """Return a list of numbers; a mistake names the first that is none, by its place."""
-    if not isinstance(value, list | tuple) or not value or (counts and len(value) not in counts):
-        raise mistake(expected, key=above)
-    for i, number in enumerate(value):
-        if not is_number(number):
-            raise mistake("a finite number", toml_brief(number), key=(*above, i))
-    return tuple(map(float, value))
-
-
-def row_tuple(value: Any) -> tuple[tuple[float, ...], ...]:
-    expected = "a list of rows of numbers, all as long as each other"
-    if not isinstance(value, list) or not value or not isinstance(value[0], list):
-        raise mistake(expected)
-    return tuple(number_tuple(row, expected, [len(value[0])], i) for i, row in enumerate(value))
-
-
 def text(expected: str) -> Any:
     """Return the annotation of a text that is not empty."""
-    return checked(expected, _is_text, str)
+    return checked(expected, _is_text)
 
 
-Number = Annotated[float, checked("a finite number", is_number, float)]
-Whole = Annotated[int, BeforeValidator(_whole)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Whole = Annotated[int, Field(strict=True)]
 Text = Annotated[str, text("text")]
 NumberOrText = Annotated[
     float | str, checked("a number or text", lambda v: is_number(v) or _is_text(v))
 ]
-Rows = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(row_tuple)]
+Vector = tuple[Number, Number, Number]
 Numbers = Annotated[
-    tuple[float, ...], BeforeValidator(lambda value: number_tuple(value, "a list of numbers", ()))
+    tuple[Number, ...],
+    Field(fail_fast=True),
+    checked("a list of numbers", lambda v: isinstance(v, list | tuple) and len(v) > 0),
 ]
-
-
-def numbers(*counts: int) -> Any:
-    """Return the annotation of a list of as many numbers as one of `counts`."""
-    expected = f"a list of {' or '.join(map(str, counts))} numbers"
-    return BeforeValidator(lambda value: number_tuple(value, expected, counts))
-
-
-Vector = Annotated[tuple[float, ...], numbers(3)]
+Rows = Annotated[
+    tuple[Numbers, ...],
+    Field(fail_fast=True),
+    checked("rows as long as each other", lambda v: len({*map(len, v)}) == 1, AfterValidator),
+]
 
 
 def one_of(*choices: str) -> Any:
@@ -227,7 +203,7 @@ def _worded(model: type[BaseModel], found: Any) -> Any:
         text, loc = unknown_key(loc[-1], list(model.model_fields)), loc[:-1]
         error = PydanticCustomError("said", "{}", {"text": text, "key": found["loc"][-1:]})
     else:
-        expected, got = _expected(kind, context, found["input"]), None
+        expected, got = _expected(found), None
         if kind == "missing":
             is_table = field is not None and hasattr(field.annotation, "model_fields")
             expected, got = "a table" if is_table else "a value", "nothing"
@@ -235,26 +211,14 @@ def _worded(model: type[BaseModel], found: Any) -> Any:
     return {"type": error, "loc": loc, "input": found["input"]}
 
 
-_KINDS = {
-    "bool": "true or false",
-    **dict.fromkeys(("tuple", "list"), "a list"),
-    **dict.fromkeys(("model", "dict", "dataclass"), "a table or object"),
-    "string": "text",
-}
-_LIMITS = {
-    **{"gt": "a number above {:g}", "ge": "a number from {:g}"},
-    **{"lt": "a number below {:g}", "le": "a number at most {:g}"},
-    **{"max_length": "at most {} entries", "min_length": "at least {} entries"},
-}
+_FORM = re.compile(
+    r"^\w+ should (be|have) | after validation|, unable to .*| or instance of \w+| \(.*\)$"
+)
+"""What a text of pydantic has beside what is expected."""
 
 
-def _expected(kind: str, context: dict[str, Any], given: Any) -> str:
-    if kind == "literal_error":
-        return choice_text(given, re.findall("'([^']*)'", context["expected"]))
-    for start, words in _KINDS.items():
-        if kind.startswith(start):
-            return words
-    for name, words in _LIMITS.items():
-        if context.get(name) is not None:
-            return words.format(context[name])
-    return clean(context.get("error", kind))
+def _expected(found: Any) -> str:
+    if found["type"] == "literal_error":
+        return choice_text(found["input"], re.findall("'([^']*)'", found["ctx"]["expected"]))
+    text = clean(_FORM.sub("", found["msg"]))
+    return text.replace("tuple", "list").replace("valid dictionary", "table or object")

@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -46,11 +47,6 @@ def parse_toml(text: str) -> dict[str, Any]:
     return tomllib.loads(text)
 
 
-def toml_string(text: str) -> str:
-    """Return `text` as a basic string: that of JSON, with DEL escaped, too."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
 def toml_document(content: Mapping[str, Any]) -> str:
     """Return a document of strings, numbers, truth values, lists and tables of them."""
     return "\n".join(_lines(content, ())).strip("\n") + "\n"
@@ -78,30 +74,22 @@ def _value(value: Any) -> str:
         items = [_value(item) for item in value]
         line = f"[{', '.join(items)}]"
         return line if len(line) <= _LIST_CHARACTERS else "[\n" + ",\n".join(items) + "\n]"
-    return toml_string(value) if isinstance(value, str) else repr(value)
+    # A basic string is that of JSON, with DEL escaped, too.
+    text = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
+    return text.replace("\x7f", "\\u007f")
 
 
 def _key(key: str) -> str:
-    return key if _BARE_KEY.match(key) else toml_string(key)
+    return key if _BARE_KEY.match(key) else _value(key)
 
 
 def toml_brief(value: object) -> str:
-    """Return a value about as TOML writes it, cut to the length of a message."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return f'"{value[:200]}"'
-    if isinstance(value, list | tuple):
-        inner = ", ".join(toml_brief(v) for v in value[:6])
-        return f"[{inner}{', ...' if len(value) > 6 else ''}]"
-    if isinstance(value, dict):
-        inner = ", ".join(f"{k} = {toml_brief(v)}" for k, v in list(value.items())[:4])
-        return f"{{ {inner}{', ...' if len(value) > 4 else ''} }}"
-    if value is None:
-        return "nothing"
-    if isinstance(value, int) and abs(value) >= 2**64:
+    """Return a value as JSON writes it, cut to the length of a message."""
+    parts = json.JSONEncoder(ensure_ascii=False, default=str).iterencode(value)
+    try:
+        return "nothing" if value is None else "".join(islice(parts, 60))[:600]
+    except ValueError:  # of thousands of digits
         return "a huge number"
-    return f"{value:g}" if isinstance(value, float) else str(value)[:200]
 
 
 def nearest(given: object, known: Sequence[str]) -> str:

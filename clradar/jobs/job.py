@@ -17,8 +17,7 @@ from clradar.errors import ClradarError, OutputError, warn
 from clradar.files.atomic import remove_temporaries, replacing
 from clradar.files.failures import fail, reading, shown
 from clradar.files.hashing import content_record, holds_still
-from clradar.files.json_differences import differences, listed_differences
-from clradar.files.json_file import read_json, write_json
+from clradar.files.json_file import differences, listed_differences, read_json, write_json
 from clradar.jobs.lock import LOCK, held
 from clradar.jobs.outcome import Work
 from clradar.jobs.where import Where

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 from clradar.errors import OutputError, warn
 from clradar.files.atomic import writing
 from clradar.files.failures import shown
-from clradar.files.interrupts import postponed
 
 if TYPE_CHECKING:
     from filelock import BaseFileLock
@@ -54,11 +53,10 @@ def scratch_folder() -> Iterator[Path]:
         yield folder
     finally:
         names["semprefix"] = before
-        with postponed():
-            shutil.rmtree(folder, ignore_errors=True)
-            if lock is not None:
-                lock.release()
-            shutil.rmtree(folder, ignore_errors=True)  # Windows removes no open file
+        shutil.rmtree(folder, ignore_errors=True)
+        if lock is not None:
+            lock.release()
+        shutil.rmtree(folder, ignore_errors=True)  # Windows removes no open file
 
 
 @contextmanager

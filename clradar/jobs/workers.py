@@ -28,7 +28,7 @@ from clradar.errors import ClradarError, ClusterError, DeviceError, ModelError, 
 from clradar.files.atomic import write_file
 from clradar.files.failures import clean, shown
 from clradar.files.interrupts import interrupts_blocked
-from clradar.files.json_differences import differences
+from clradar.files.json_file import differences
 from clradar.jobs.lock import scratch_folder
 from clradar.jobs.outcome import ATTEMPTS, Outcome, Work, made_with, outcome_of, reason_of, silent
 from clradar.opencl import Device, DeviceInfo, open_device

@@ -20,7 +20,6 @@ from clradar.files.records import (
     Vector,
     made,
     mistake,
-    numbers,
     one_of,
     read_record,
     text,
@@ -112,7 +111,7 @@ class HandTable(Moving):
         description=f"[[hand.pose]] with time_s and pose, from one to {MAX_PLACES}",
     )  # fmt: skip
     profile: Annotated[str, one_of(*PROFILES)] = "smooth"
-    center_mm: Vector = tuple(1e3 * at_m for at_m in DEFAULT_CENTER_M)
+    center_mm: Vector = (0.0, 0.0, 1e3 * DEFAULT_CENTER_M[2])
     rig: FileName | None = None
     mapping: FileName | None = None
     rig_unit: NumberOrText | None = None
@@ -123,7 +122,7 @@ class HandTable(Moving):
     length_mm: Number = 1e3 * AVERAGE.length_m
     breadth_mm: Number = 1e3 * AVERAGE.breadth_m
     girth: Number = AVERAGE.girth
-    finger_lengths: Annotated[Any, numbers(5)] = AVERAGE.finger_lengths
+    finger_lengths: tuple[Number, Number, Number, Number, Number] = AVERAGE.finger_lengths
 
     @model_validator(mode="after")
     def _fits_together(self) -> HandTable:

@@ -72,7 +72,7 @@ class DataLayout(FileRecord):
     axes: tuple[Text, ...] = Field(description=_AXES, min_length=1)
     pick: dict[str, Annotated[Whole, Field(ge=0, lt=2**31)]] = Field(default_factory=dict)
     pair_order: Annotated[str | None, one_of("tx_major", "rx_major")] = None
-    phase_sign: Annotated[int, checked(_SIGN, lambda v: is_whole(v) and abs(v) == 1, int)] = -1
+    phase_sign: Annotated[int, checked(_SIGN, lambda v: is_whole(v) and abs(v) == 1)] = -1
 
     @property
     def keys(self) -> list[str]:

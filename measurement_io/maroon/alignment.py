@@ -16,12 +16,12 @@ from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, RootModel
+from pydantic import AfterValidator, BeforeValidator, GetPydanticSchema, RootModel
 
 from clradar.errors import ModelError
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.json_file import read_json, read_json_object
-from clradar.files.records import OpenRecord, mistake, record_of, row_tuple
+from clradar.files.records import OpenRecord, Rows, mistake, record_of
 from clradar.model import checks
 
 RADAR = "radar"
@@ -35,11 +35,14 @@ LAST_ROW_ROUNDING = 1e-9
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_-]*")
 
 
-def _matrix(value: Any) -> np.ndarray:
-    """Return a 4 x 4 matrix from four rows of four numbers, or from sixteen in that order."""
-    if isinstance(value, list) and len(value) == 16:
-        value = [value[i : i + 4] for i in range(0, 16, 4)]
-    matrix = np.array(row_tuple(value))
+def _rows(value: Any) -> Any:
+    flat = isinstance(value, list) and len(value) == 16
+    return [value[i : i + 4] for i in range(0, 16, 4)] if flat else value
+
+
+def _matrix(rows: Any) -> np.ndarray:
+    """Return a 4 x 4 matrix from four rows of four numbers."""
+    matrix = np.array(rows)
     if matrix.shape != (4, 4):
         raise mistake("four rows of four numbers", f"shape {matrix.shape}")
     if np.abs(matrix[3] - (0, 0, 0, 1)).max() <= LAST_ROW_ROUNDING:
@@ -50,7 +53,8 @@ def _matrix(value: Any) -> np.ndarray:
         raise mistake("an invertible affine transform", clean(error)) from error
 
 
-Matrix = Annotated[Any, BeforeValidator(_matrix)]
+_FROM_ROWS = Annotated[Rows, BeforeValidator(_rows), AfterValidator(_matrix)]
+Matrix = Annotated[Any, GetPydanticSchema(lambda _, handler: handler(_FROM_ROWS))]
 
 
 class _Transform(OpenRecord):

@@ -17,7 +17,7 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.files.failures import fail, reading
 from clradar.files.json_file import read_json_object
 from clradar.files.limits import MAX_IMAGE_PIXELS
-from clradar.files.records import Number, OpenRecord, Whole, mistake, numbers, record_of
+from clradar.files.records import Number, Numbers, OpenRecord, Whole, mistake, record_of
 from clradar.model import DepthMap, checks
 from measurement_io.confined.reading import run
 from measurement_io.maroon.alignment import Matrix
@@ -38,9 +38,9 @@ Axis = tuple[float, float, int]
 class Grid(OpenRecord):
     """`volume` or `depth` of a frame: the grid of its pixels, both ends included."""
 
-    bb_min: Annotated[tuple[float, ...] | None, numbers(2, 3)] = None
-    bb_max: Annotated[tuple[float, ...] | None, numbers(2, 3)] = None
-    grid_size: Annotated[tuple[float, ...] | None, numbers(2, 3)] = None
+    bb_min: Numbers | None = None
+    bb_max: Numbers | None = None
+    grid_size: Numbers | None = None
 
     @model_validator(mode="after")
     def _is_a_grid(self) -> Grid:
@@ -50,9 +50,8 @@ class Grid(OpenRecord):
         farthest = max(map(abs, low + high))
         if farthest > MAX_POSITION_M:
             raise mistake(f"metres, at most {MAX_POSITION_M:g}", f"{farthest:g}", key="bb_min")
-        if not len(low) == len(high) == len(counts):
-            expected = "as many numbers as in bb_min and bb_max"
-            raise mistake(expected, f"{len(counts)}", key="grid_size")
+        if not len(low) == len(high) == len(counts) in (2, 3):
+            raise mistake("as many numbers as in bb_min, 2 or 3", len(counts), key="grid_size")
         for a, b, count in zip(low, high, counts, strict=True):
             if count < 1 or count != int(count):
                 raise mistake("whole numbers above 0", f"{count:g}", key="grid_size")

@@ -14,7 +14,7 @@ from clradar import arrays
 from clradar.constants import PLAUSIBLE_HZ
 from clradar.files.confined.process import Companion
 from clradar.files.failures import clean, fail, read_bytes, reading, regular_file_size, shown
-from clradar.files.limits import MAX_ANTENNA_FILE_BYTES, MAX_FRAME_BYTES
+from clradar.files.limits import MAX_ANTENNA_FILE_BYTES
 from clradar.model import AntennaArray, Capture, Waveform
 from measurement_io.confined.reading import run
 from measurement_io.maroon.folders import FrameFile, antennas_file, frame_file
@@ -52,8 +52,7 @@ def read_frame_file(
 
 def is_plain_array(path: Path) -> bool:
     """Whether an `.npy` file holds an array of numbers or text, and no pickled object."""
-    modules = ("numpy.lib.format",)
-    return run(is_plain, path, expected=EXPECTED, modules=modules)
+    return run(is_plain, path, expected=EXPECTED, modules=("numpy.lib.format",))
 
 
 def read_time_stamp(path: Path, companion: Companion | None = None) -> int | float | None:
@@ -71,8 +70,6 @@ def first_time_stamp(meta: Mapping[str, Any]) -> int | float | None:
 
 def _dictionary(path: Path, companion: Companion | None, only: str | None = None) -> dict[str, Any]:
     size = regular_file_size(path, EXPECTED)
-    if size > MAX_FRAME_BYTES:
-        fail(path, f"{EXPECTED} of at most {MAX_FRAME_BYTES} bytes", f"{size} bytes")
     found: dict[str, Any] = run(
         read_dictionary, path, only, most_bytes=2 * size, expected=EXPECTED,
         modules=("numpy.lib.format",), companion=companion,

@@ -126,7 +126,7 @@ def assert_same(got: clradar.AntennaArray, want: clradar.AntennaArray) -> None:
         ('copy_of = "qar5"', "one of .*did you mean 'qar50'"),
         (f'copy_of = "qar50"\n[[tx]]\n{LINE}', "copy_of: expected no tx, rx, antennas beside"),
         ('copy_of = "qar50"\npose = 3', r"pose: expected tables \[\[pose\]\]"),
-        (f"[[antennas]]\n{LINE}\ngain = [1, 2]", "gain: expected a list of rows of numbers"),
+        (f"[[antennas]]\n{LINE}\ngain = [1, 2]", r"gain\[0\]: expected a list of numbers"),
         (
             f"[[antennas]]\n{LINE}\ngain = [[1, 2], [1, 2]]",
             "a row of 2 numbers.* got 2 of 2",

@@ -10,16 +10,15 @@ at fault there, or ends it, is judged as users read it.
 from __future__ import annotations
 
 import io
-import json
 import os
 import re
 import signal
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import SimpleNamespace
@@ -123,18 +122,19 @@ def _readers_here() -> Iterator[None]:
     def limit(what: int, most: tuple[int, int]) -> None:
         resource.setrlimit(what, (most[0], resource.getrlimit(what)[1]))
 
-    def answer(message: bytes, most_bytes: int, _: float) -> Any:
+    def answer(request: Any, most_bytes: int) -> Any:
         sent, limits = io.BytesIO(), resource.getrlimit(resource.RLIMIT_NOFILE)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                process._reply(json.loads(message), sent)
+                process.reply({**request, "secret": ""}, sent)
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, limits)
         return wire.receive(io.BytesIO(sent.getvalue()), most_bytes)
 
     system = SimpleNamespace(**{**vars(resource), "setrlimit": limit})
-    with mock.patch.multiple(process, _answer_of=answer, _confined=True, resource=system):
+    here = {"_forking": SimpleNamespace(answer=answer), "_confined": True, "resource": system}
+    with mock.patch.multiple(process, **here):
         yield
 
 
@@ -193,7 +193,8 @@ class Watch:
             return
         self.armed = False  # what is done here is ours
         try:
-            fault = self._fault(event, arguments)
+            ours = _is_above(process.__file__, ("_started", "_end"))
+            fault = None if ours else self._fault(event, arguments)
         finally:
             self.armed = True
         if fault is not None:
@@ -224,13 +225,18 @@ class Watch:
         return None
 
 
-def _importing() -> bool:
+def _is_above(file: str, functions: Sequence[str] = ()) -> bool:
+    """Whether one of these functions of a file, or any, has called this."""
     frame: Any = sys._getframe(1)
     while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
+        code = frame.f_code
+        if code.co_filename.startswith(file) and code.co_name in (functions or (code.co_name,)):
             return True
         frame = frame.f_back
     return False
+
+
+_importing = partial(_is_above, "<frozen importlib")
 
 
 def judge(target: Target, path: Path, watch: Watch | None = None) -> tuple[str, str | None]:

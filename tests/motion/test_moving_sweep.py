@@ -82,7 +82,7 @@ def test_a_file_has_bodies_hands_and_the_order_of_switching(tmp_path):
         ("", r"motion.toml: body: expected \[\[body\]\] or \[\[hand\]\]"),
         ("[[body]]\nvelocty_mm_per_s = [0, 0, 1]", r"did you mean 'velocity_mm_per_s'"),
         ("[[body]]\nabout_mm = [0, 0, 1]", r"body\[0\].place: expected either"),
-        ("[[body]]\nvelocity_mm_per_s = [0, 1]", r"velocity_mm_per_s: expected a list of 3"),
+        ("[[body]]\nvelocity_mm_per_s = [0, 1]", r"mm_per_s\[2\]: expected a value, got nothing"),
         ("[[body]]\nplace = [{ shift_mm = [0, 0, 1] }]", r"place\[0\].time_s: expected a time"),
         ("[[body]]\nplace = [{ time_s = 1 }, { time_s = 1 }]", r"body\[0\].*strictly ascending"),
         ("[[body]]\nturn_deg_per_s = [0, 0, 1]\nbeyond = 'hold'", r"beyond: expected \[\[place"),

@@ -14,7 +14,7 @@ from pydantic_core import PydanticCustomError, core_schema
 
 from clradar.errors import ClradarError
 from clradar.files.failures import clean
-from clradar.files.records import LONGEST, is_number, is_whole, mistake
+from clradar.files.records import is_number, is_whole, mistake
 from clradar.files.toml_file import nearest, toml_brief
 
 KINDS = {"uniform": "[low, high]", "normal": "[mean, standard deviation]", "choice": "[a, b, ...]"}
@@ -138,7 +138,7 @@ class Within:
         if kind is Draw:
             return self._drawn(_draw(value), span)
         expected = f"a {'whole ' if kind is int else ''}number {span}"
-        if kind is int and isinstance(value, float) and value.is_integer() and value < LONGEST:
+        if kind is int and isinstance(value, float) and value.is_integer() and value < 1e15:
             raise mistake(expected, f"the decimal number {value!r}; write {int(value)}")
         if not (is_whole if kind is int else is_number)(value) or not self._holds(value, value):
             raise mistake(expected, toml_brief(value))

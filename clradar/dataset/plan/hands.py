@@ -24,7 +24,7 @@ from clradar.errors import ClradarError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.meshes.gltf_document import files_of
-from clradar.files.records import FileRecord, NumberOrText, Numbers, Text, mistake, numbers
+from clradar.files.records import FileRecord, Number, NumberOrText, Numbers, Text, mistake
 from clradar.files.toml_file import choice_text, nearest, toml_brief
 from clradar.hand import (
     DIGITS,
@@ -227,7 +227,7 @@ class ShapeTable(FileRecord):
     breadth_mm: Annotated[float, Within(*(1e3 * v for v in BREADTH_LIMITS_M))] | None = None
     length_m: Annotated[float, Within(*LENGTH_LIMITS_M)] | None = None
     breadth_m: Annotated[float, Within(*BREADTH_LIMITS_M)] | None = None
-    finger_lengths: Annotated[tuple[float, ...], numbers(5)] = AVERAGE.finger_lengths
+    finger_lengths: tuple[Number, Number, Number, Number, Number] = AVERAGE.finger_lengths
     girth: Annotated[float, Within(*FACTOR_LIMITS)] = AVERAGE.girth
 
     @model_validator(mode="after")

@@ -22,7 +22,7 @@ from clradar.arrays.instruments import KNOWN
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.dataset.plan.draws import Draw, Within, fixed, tried
 from clradar.dataset.plan.hands import NAME_OR_TABLE, different, folder_of
-from clradar.files.records import FileRecord, Vector, checked, is_number, mistake, numbers
+from clradar.files.records import FileRecord, Number, Vector, checked, is_number, mistake
 from clradar.files.toml_file import choice_text, toml_brief
 from clradar.geometry.normals import CREASE_DEG
 from clradar.model import AntennaArray, VoxelGrid, Waveform
@@ -46,7 +46,7 @@ Seed = Annotated[int, Within(0, 2**63 - 1)] | None
 Level = Annotated[Draw, Within(-DECIBELS, DECIBELS)]
 
 
-Direction = Annotated[tuple[float, ...], checked("a direction", any, tuple), numbers(3)]
+Direction = Annotated[Vector, checked("a direction", any, AfterValidator)]
 Channels = Annotated[tuple[Annotated[int, Within(0, 1023)], ...], AfterValidator(different)]
 
 
@@ -189,14 +189,12 @@ class SimulationPlan(FileRecord):
 
 
 Extent = Annotated[
-    tuple[float, ...],
-    checked("[first, last] with first <= last", lambda ends: ends[0] <= ends[1], tuple),
-    numbers(2),
+    tuple[Number, Number],
+    checked("[first, last] with first <= last", lambda ends: ends[0] <= ends[1], AfterValidator),
 ]
 Steps = Annotated[
-    tuple[float, ...],
-    checked("a positive step, or three of them", lambda steps: min(steps) > 0, tuple),
-    numbers(3),
+    Vector,
+    checked("a positive step, or three of them", lambda steps: min(steps) > 0, AfterValidator),
     BeforeValidator(lambda value: [value] * 3 if is_number(value) else value),
     WithJsonSchema({"type": ["number", "array"], "items": {"type": "number"}}),
 ]

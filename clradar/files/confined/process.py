@@ -1,8 +1,8 @@
 """Read a file in a confined process, which a hostile file can crash but not use.
 
 A library may loop for ever, allocate without bound or overwrite its own memory on a damaged file.
-So each file is read by a process that has just been forked for it from a small server (started at
-the first need, some tenths of a second; a fork takes milliseconds). It has a limit of memory and of
+So each file is read by a process that has just been forked for it from a small one (started at the
+first need, some tenths of a second; a fork takes milliseconds). It has a limit of memory and of
 time, cannot write files or start programs, and once the reader has its files open it can open
 nothing else.
 
@@ -16,10 +16,8 @@ from __future__ import annotations
 
 import atexit
 import codecs
-import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -32,16 +30,12 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, BinaryIO
 
+import numpy as np
+
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.confined import wire
 from clradar.files.failures import clean, fail, read_bytes, shown
-from clradar.files.limits import (
-    MAX_FRAME_BYTES,
-    MAX_REQUEST_BYTES,
-    START_LIMIT_S,
-    WALL_FACTOR,
-    WALL_LIMIT_S,
-)
+from clradar.files.limits import MAX_FRAME_BYTES, START_LIMIT_S, WALL_FACTOR
 
 try:
     import resource
@@ -49,7 +43,6 @@ except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
 _READY = b"ready\n"
-_NO_CONTENT = b"\xff" * 8
 _ENCODINGS = (
     "ascii", "latin-1", "utf-8", "utf-8-sig", "raw-unicode-escape", "cp437",
     "utf-16-le", "utf-16-be", "utf-32-le", "utf-32-be",
@@ -60,10 +53,8 @@ _LATE = ("numpy.ma", "unicodedata")
 """Modules that numpy and Python import late, when no file can be opened any more."""
 
 _FORKS = sys.platform == "linux" and os.environ.get("CLRADAR_READERS") != "spawn"
-"""Whether the server works: it passes on sockets, and reads /proc."""
+"""Whether a process that reads is a fork."""
 
-_lock = threading.Lock()
-_server: tuple[subprocess.Popen[bytes], socket.socket] | None = None
 _confined = False
 
 
@@ -81,15 +72,18 @@ def run(
 ) -> Any:
     """Call `function(path, *arguments)` in a confined process and return its result.
 
-    The function is one of a module. It returns what `clradar.files.confined.wire` can send, and
-    calls `file_bytes`, or `forbid_opening` when it has opened what it needs. Its arguments are what
-    JSON can hold. `expected` says in messages what the file is to be; `memory_bytes` is on top of
-    what the process has when it starts, `most_bytes` limits the arrays that come back, and
-    `modules` are imported, functions ("module:name") called before: later it can open no file.
+    The function is one of a module. It takes and returns what `clradar.files.confined.wire` can
+    send, and calls `file_bytes`, or `forbid_opening` when it has opened what it needs. `expected`
+    says in messages what the file is to be; `memory_bytes` is on top of what the process has when
+    it starts, `most_bytes` limits the arrays that come back, and `modules` are imported, functions
+    ("module:name") called before: later it can open no file.
 
     A companion reads this file and others like it where a process for each would be started; the
     function then takes the content by `file_bytes` alone.
     """
+    content, own = None, _forking if _FORKS else companion or Companion()
+    if own is companion:
+        content = np.frombuffer(read_bytes(path, expected, MAX_FRAME_BYTES, error=error), np.uint8)
     request = {
         "module": function.__module__,
         "function": function.__qualname__,
@@ -100,20 +94,12 @@ def run(
         "expected": expected,
         "cpu_s": cpu_s,
         "memory_bytes": memory_bytes,
+        "content": content,
+        "forks": _FORKS,
     }
-    message = json.dumps(request).encode("ascii")
-    if len(message) > MAX_REQUEST_BYTES:
-        got = f"{len(message)} bytes of them"
-        fail(path, "a path and keys of sane length", got, error=error)
     try:
-        if _FORKS:
-            answer = _answer_of(message, most_bytes, START_LIMIT_S + WALL_FACTOR * cpu_s)
-        else:
-            content, own = None, companion or Companion()
-            if companion is not None:
-                content = read_bytes(path, expected, MAX_FRAME_BYTES, error=error)
-            answer = own.answer(message, content, most_bytes, cpu_s)
-    except NoServer as cause:
+        answer = own.answer(request, most_bytes)
+    except NoProcess as cause:
         fail(path, "a process to read it in", clean(cause), error=error, cause=cause)
     except (wire.BrokenMessage, OSError) as cause:
         limits = f"{cpu_s} s or {memory_bytes >> 20} MiB"
@@ -126,70 +112,13 @@ def run(
     return answer["result"]
 
 
-class NoServer(Exception):
-    """The server does not start, which no file can cause."""
-
-
-def _answer_of(message: bytes, most_bytes: int, wall_s: float) -> Any:
-    """Have a process forked for a request."""
-    if sys.platform == "win32":  # which has no such sockets
-        raise NotImplementedError
-    link = _running_server()
-    ours, theirs = socket.socketpair()
-    with ours:
-        with theirs:
-            socket.send_fds(link, [message], [theirs.fileno()])
-        ours.settimeout(wall_s)  # of a process that was stopped
-        with ours.makefile("rb") as answer:
-            return wire.receive(answer, most_bytes)
-
-
-def _running_server() -> socket.socket:
-    """The link to the server; another one where it has died, which no file can cause."""
-    global _server
-    if sys.platform == "win32":
-        raise NotImplementedError
-    with _lock:
-        if _server is not None and _server[0].poll() is not None:
-            _server[1].close()
-            _server = None
-        if _server is None:
-            ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-            try:
-                process, answers = _started("serve", theirs)
-            except NoServer:
-                ours.close()
-                raise
-            finally:
-                theirs.close()
-            answers.close()
-            _server = process, ours
-        return _server[1]
-
-
-def _started(call: str, requests: Any) -> tuple[subprocess.Popen[bytes], Any]:
-    """Start Python with a function of this module; return the process and its output."""
-    path = [os.path.abspath(entry) for entry in sys.path]
-    code = f"import sys; sys.path[:] = {path!r}; from {__name__} import {call}; {call}()"
-    try:
-        process = subprocess.Popen(
-            [sys.executable, "-c", code],
-            stdin=requests,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
-            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-        )
-    except OSError as error:
-        raise NoServer(clean(error)) from error
-    assert process.stdout is not None
-    if not any(line.endswith(_READY) for line in process.stdout):  # others may print before
-        _end(process)
-        raise NoServer(f"it does not start: {sys.executable}")
-    return process, process.stdout
+class NoProcess(Exception):
+    """The process does not start, which no file can cause."""
 
 
 class Companion:
-    """A process that reads many files, of which it is given the content; or opens a single one.
+    """A process that reads files, each in a fork of it; or many, of which it is given the content;
+    or a single one.
 
     It starts at the first need and ends with this object, and another takes over where it dies. In
     a copy for, or a fork of, another process it is a new one.
@@ -203,63 +132,103 @@ class Companion:
     def __reduce__(self) -> Any:
         return Companion, ()
 
-    def answer(self, message: bytes, content: bytes | None, most_bytes: int, cpu_s: int) -> Any:
+    def answer(self, request: dict[str, Any], most_bytes: int) -> Any:
+        secret = os.urandom(16).hex()  # what an earlier file has left is no answer
         with self._lock:
             process = self._running()
-            assert process.stdin is not None
-            timer = threading.Timer(START_LIMIT_S + 2 * cpu_s, process.kill)
+            limit_s = START_LIMIT_S + (WALL_FACTOR if resource else 2) * request["cpu_s"]
+            timer = threading.Timer(limit_s, _end, (process,))
             timer.start()
             try:
-                for part in (message, content):
-                    size = _NO_CONTENT if part is None else len(part).to_bytes(8, "little")
-                    process.stdin.write(size + (part or b""))
-                process.stdin.flush()
-                return wire.receive(process.stdout, most_bytes)
-            except (wire.BrokenMessage, OSError):
-                self._process = None
-                _end(process)
+                wire.send(process.stdin, {**request, "secret": secret})
+                answer = wire.receive(process.stdout, most_bytes)
+                if not isinstance(answer, dict) or answer.pop("secret", None) != secret:
+                    raise wire.BrokenMessage("of another request")
+            except BaseException:  # an interruption, too: the rest of its answer is still to come
+                self.end()
                 raise
             finally:
                 timer.cancel()
+            return answer
+
+    def end(self) -> None:
+        if self._process is not None:
+            _end(self._process)
+            self._process = None
 
     def _running(self) -> subprocess.Popen[bytes]:
-        if self._process is None or self._owner != os.getpid():
-            process, _ = _started("serve_many", subprocess.PIPE)
-            self._process, self._owner = process, os.getpid()
+        process = self._process
+        if process is None or self._owner != os.getpid() or process.poll() is not None:
+            process = self._process = _started()
+            self._owner = os.getpid()
             weakref.finalize(self, _end, process)
-        return self._process
+        return process
+
+
+def _started() -> subprocess.Popen[bytes]:
+    """Start Python with `serve`."""
+    path = [os.path.abspath(entry) for entry in sys.path]
+    code = f"import sys; sys.path[:] = {path!r}; from {__name__} import serve; serve()"
+    try:
+        process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+            pipesize=2**20,
+            start_new_session=True,  # it has no Ctrl-C, and ends with its forks
+        )
+    except OSError as error:
+        raise NoProcess(clean(error)) from error
+    assert process.stdout is not None
+    if not any(line.endswith(_READY) for line in process.stdout):  # others may print before
+        _end(process)
+        raise NoProcess(f"it does not start: {sys.executable}")
+    return process
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    process.kill()
     with suppress(OSError), process:  # closes its pipes and waits
-        pass
+        if process.poll() is None:
+            if sys.platform == "win32":
+                process.kill()
+            else:
+                os.killpg(process.pid, signal.SIGKILL)
 
 
-@atexit.register
-def _stop_server() -> None:
-    global _server
-    with _lock:
-        if _server is not None:
-            _server[1].close()
-            _end(_server[0])
-        _server = None
-
-
-def _forget_server() -> None:
-    """A forked process has a server of its own: this one answers its parent."""
-    global _server, _lock
-    if _server is not None:
-        _server[0].returncode = 0  # it is not this process's to wait for
-        _server[1].close()
-    _server, _lock = None, threading.Lock()
-
-
+_forking = Companion()
+atexit.register(_forking.end)
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget_server)
+    # It may be held by a thread that is not there.
+    os.register_at_fork(after_in_child=lambda: setattr(_forking, "_lock", threading.Lock()))
 
 
 # ---- the other side
+
+
+def serve() -> None:
+    """Answer requests on standard input until it closes: each in a fork, or with the content of its
+    file; one that is without is the last."""
+    global _handed
+    warnings.simplefilter("ignore")  # of forks, too, which are intended here
+    with _greet() as answer, suppress(wire.BrokenMessage):
+        while True:
+            request = wire.receive(sys.stdin.buffer, MAX_FRAME_BYTES)
+            with suppress(Exception):  # once, and not by every fork
+                _import_all(request)
+            if request["forks"] and (child := os.fork()):
+                if os.waitpid(child, 0)[1]:  # its answer may be cut short
+                    return
+                continue
+            if request["content"] is not None:
+                _handed = request["content"].tobytes()
+            failed = True
+            with suppress(BaseException):
+                _answer(request, answer)
+                failed = False
+            if failed or _handed is None:
+                os._exit(failed)
 
 
 def _greet() -> BinaryIO:
@@ -271,53 +240,6 @@ def _greet() -> BinaryIO:
     return answer
 
 
-def serve() -> None:
-    """Answer requests of a socket, each in a forked process, until the other end closes."""
-    if sys.platform == "win32":
-        raise NotImplementedError
-    warnings.simplefilter("ignore")  # of forks, which are intended here
-    _greet().close()
-    with socket.socket(fileno=0) as link:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
-        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # ended processes need no wait
-        while True:
-            message, handles, _, _ = socket.recv_fds(link, MAX_REQUEST_BYTES, 1)
-            if not message:
-                return
-            with suppress(Exception):  # once, and not by every process
-                _import_all(json.loads(message))
-            if os.fork() == 0:
-                os.dup2(1, 0)  # closes the link
-                with suppress(BaseException), os.fdopen(handles[0], "wb") as answer:
-                    _answer(json.loads(message), answer)
-                os._exit(0)
-            for handle in handles:
-                os.close(handle)
-
-
-def serve_many() -> None:
-    """Answer requests on standard input, each with the content of its file, until it closes.
-
-    One without content opens the file, and is the last.
-    """
-    global _handed
-    warnings.simplefilter("ignore")
-    requests = sys.stdin.buffer
-    with _greet() as answer:
-        while length := requests.read(8):
-            request = json.loads(requests.read(int.from_bytes(length, "little")))
-            size = requests.read(8)
-            with suppress(Exception):
-                _import_all(request)
-            if size == _NO_CONTENT:
-                _answer(request, answer)
-                return
-            _handed = requests.read(int.from_bytes(size, "little"))
-            _limit(request["cpu_s"], request["memory_bytes"], again=True)
-            forbid_opening()
-            _reply(request, answer)
-
-
 def _import_all(request: dict[str, Any]) -> None:
     for encoding in _ENCODINGS:
         codecs.lookup(encoding)  # loads it
@@ -327,29 +249,34 @@ def _import_all(request: dict[str, Any]) -> None:
 
 
 def _answer(request: dict[str, Any], answer: Any) -> None:
-    _limit(request["cpu_s"], request["memory_bytes"])
-    with suppress(OSError):
-        os.chdir(request["folder"])
-    _reply(request, answer)
+    _limit(request["cpu_s"], request["memory_bytes"], again=_handed is not None)
+    if _handed is None:
+        with suppress(OSError):
+            os.chdir(request["folder"])
+    else:
+        forbid_opening()
+    reply(request, answer)
 
 
-def _reply(request: dict[str, Any], answer: Any) -> None:
-    path = Path(request["path"])
+def reply(request: dict[str, Any], answer: Any) -> None:
+    """Call the function of a request, and send what it returns, or its error."""
+    path, found = Path(request["path"]), {"secret": request["secret"]}
     try:
         _import_all(request)
         function = getattr(sys.modules[request["module"]], request["function"])
-        wire.send(answer, {"result": function(path, *request["arguments"])})
+        wire.send(answer, {**found, "result": function(path, *request["arguments"])})
     except ClradarError as error:
-        wire.send(answer, {"error": str(error)})
+        wire.send(answer, {**found, "error": str(error)})
     except Exception as error:
         got = f"{type(error).__name__}: {clean(error)}"
-        wire.send(answer, {"error": f"{shown(path)}: expected {request['expected']}, got {got}"})
+        text = f"{shown(path)}: expected {request['expected']}, got {got}"
+        wire.send(answer, {**found, "error": text})
 
 
-def _limit(cpu_s: int, memory_bytes: int, *, again: bool = False) -> None:
+def _limit(cpu_s: int, memory_bytes: int, *, again: bool) -> None:
     """Limit memory (on Linux), processor time, file sizes and child processes of this process.
 
-    With `again`, time is limited on top of what was used, and both can be for a further file.
+    With `again`, memory and time can be limited anew for a further file.
     """
     global _confined, _pages
     if resource is None or sys.platform == "win32":
@@ -357,7 +284,7 @@ def _limit(cpu_s: int, memory_bytes: int, *, again: bool = False) -> None:
     _confined = True
     for_ever = (resource.RLIMIT_CORE, resource.RLIMIT_FSIZE, resource.RLIMIT_NPROC)
     limits = dict.fromkeys(for_ever, 0)
-    limits[resource.RLIMIT_CPU] = cpu_s + again * (int(time.process_time()) + 1)
+    limits[resource.RLIMIT_CPU] = cpu_s + int(time.process_time()) + 1
     if sys.platform == "linux":
         if _pages is None:  # later this process can open no file
             _pages = int(Path("/proc/self/statm").read_bytes().split()[0])
@@ -366,7 +293,6 @@ def _limit(cpu_s: int, memory_bytes: int, *, again: bool = False) -> None:
         hard = resource.getrlimit(what)[1]
         most = most if hard == resource.RLIM_INFINITY else min(most, hard)
         resource.setrlimit(what, (most, hard if again and what not in for_ever else most))
-    signal.alarm(WALL_LIMIT_S)
 
 
 _pages: int | None = None

@@ -71,7 +71,7 @@ def changed(row, column, value):
 @pytest.mark.parametrize(
     ("value", "found"),
     [
-        (PHOTO[:3], "shape (3, 4)"),
+        (PHOTO[:3], "four rows of four numbers"),
         (changed(1, 1, "0.5"), 'got "0.5"'),
         (changed(1, 1, float("nan")), "NaN"),
         (changed(3, 0, 0.01), "last row"),
@@ -192,7 +192,7 @@ def test_pixels_are_placed_by_what_there_is(radar, where):
     [
         ("bb_min", [0, 0], "as many numbers as"),
         ("bb_min", [0, 0, 1e9], "bb_min: expected metres, at most"),
-        ("bb_min", [0, 0, True], "bb_min[2]: expected a finite number, got true"),
+        ("bb_min", [0, 0, True], "bb_min[2]: expected a valid number, got true"),
         ("grid_size", [31, 21, 9.5], "whole numbers"),
         ("grid_size", [1, 21, 9], "one point"),
         ("grid_size", [21, 31, 9], "31 rows of 21 pixels"),
