@@ -5,10 +5,9 @@
 Flat plates tilted by 5, 12 and 25 degrees, a ball, the default hand as a whole, and palm and
 fingers of that hand apart. Heights are drawn with g = (2 k h)^2 between 0.2 and 3 at 77 GHz,
 lengths between 1.5 and 5 mm, both evenly over their logarithms; 20 dB of signal to noise; a gain
-that the sweep is not told. Seeds of the measurements are fixed (`FIRST_SEED` on), and none is a
-simulation's. The measurements of one object are judged by the same simulations. DIR keeps what was
-simulated, so that the program can be stopped and begun again. Prints a table, with how often
-the truth is in the intervals of 68 and 95 %.
+that the sweep is not told. Seeds of the measurements are fixed (`--first-seed` on), and none is a
+simulation's. The measurements of one object are judged by the same simulations, which DIR keeps.
+Prints a table, with how often the truth is in the intervals of 68 and 95 %.
 """
 
 from __future__ import annotations
@@ -27,13 +26,11 @@ import clradar
 from calibration import Regions, RoughnessSweep, sweep_roughness
 from clradar.hand import hand_mesh
 from clradar.jobs.job import FolderStore
-from measurement_io import open_capture, save_capture
 
 K = 2 * np.pi * 77e9 / 299_792_458.0
 HEIGHTS_M = np.linspace(0.08e-3, 0.68e-3, 6)
 LENGTHS_M = np.array([1.2e-3, 2e-3, 3e-3, 4.5e-3, 6e-3])
 SEEDS = 2
-FIRST_SEED = 10_000
 G_RANGE, LENGTH_RANGE_M = (0.2, 3.0), (1.5e-3, 5e-3)
 GAIN = 7.3
 
@@ -79,20 +76,16 @@ def rough(height_m: float, length_m: float) -> clradar.Material:
 
 
 def measured(
-    folder: Path, scene: clradar.Scene, regions: Regions | None, name: str, case: int
+    scene: clradar.Scene, regions: Regions | None, seed: int
 ) -> tuple[clradar.Capture, list[tuple[float, float]]]:
     """A held-out measurement, and the truth of each region."""
-    seed = FIRST_SEED + 100 * list(OBJECTS).index(name) + case
     rng = np.random.default_rng(seed)
     truths = [truth(rng) for _ in range(1 if regions is None else len(regions.names))]
     materials = [rough(*one) for one in truths]
     scene = scene.with_material([materials[i] for i in regions.face] if regions else materials[0])
-    path = folder / f"{name.replace(' ', '-')}-{case}.h5"
-    if not path.exists():
-        clean = clradar.simulate(scene, ARRAY, WAVEFORM, estimator="physical", seed=seed)
-        noisy = clradar.impair(clean, snr_db=SNR_DB, seed=seed)
-        save_capture(path, clradar.Capture(GAIN * noisy.data, ARRAY, WAVEFORM))
-    return open_capture(path), truths
+    clean = clradar.simulate(scene, ARRAY, WAVEFORM, estimator="physical", seed=seed)
+    noisy = clradar.impair(clean, snr_db=SNR_DB, seed=seed)
+    return clradar.Capture(GAIN * noisy.data, ARRAY, WAVEFORM), truths
 
 
 def rows_of(found: RoughnessSweep, truths: list[tuple[float, float]]) -> list[Row]:
@@ -116,21 +109,6 @@ def rows_of(found: RoughnessSweep, truths: list[tuple[float, float]]) -> list[Ro
     return rows
 
 
-def estimated(
-    work: Path,
-    scene: clradar.Scene,
-    regions: Regions | None,
-    name: str,
-    store: FolderStore,
-    case: int,
-) -> list[Row]:
-    capture, truths = measured(work, scene, regions, name, case)
-    found = sweep_roughness(
-        capture, scene, HEIGHTS_M, LENGTHS_M, seeds=SEEDS, regions=regions, store=store
-    )
-    return [{"object": name, **row} for row in rows_of(found, truths)]
-
-
 def main() -> None:
     options = parser(__doc__ or "", 6, 10_000)
     options.add_argument("--work", type=Path, required=True)
@@ -141,12 +119,20 @@ def main() -> None:
     warnings.simplefilter("ignore", clradar.ClradarWarning)
     everything: list[Row] = []
     for name in given.scene:
-        scene = OBJECTS[name]()
+        scene, first = OBJECTS[name](), given.first_seed + 100 * list(OBJECTS).index(name)
         regions = Regions.of_fingers(scene) if name == APART else None
         # With regions or without, a scene has the same simulations.
         store = FolderStore(given.work / ("hand" if regions else name.replace(" ", "-")))
+        swept = partial(
+            sweep_roughness, scene=scene, roughness_m=HEIGHTS_M, correlation_m=LENGTHS_M,
+            seeds=SEEDS, regions=regions, store=store,
+        )  # fmt: skip
 
-        everything += run(given, partial(estimated, given.work, scene, regions, name, store))
+        def one(case: int) -> list[Row]:
+            capture, truths = measured(scene, regions, first + case)  # noqa: B023
+            return [{"object": name} | row for row in rows_of(swept(capture), truths)]  # noqa: B023
+
+        everything += run(given, one)
     groups = {n: lambda row, n=n: row["object"] == n for n in given.scene}
     keys = ("h_within_20", "h_in_68", "h_in_95", "h_error", "h_std_share", "l_error", "slope_error")
     summarize(everything, groups | {"all": lambda row: True}, *keys)

@@ -12,48 +12,41 @@ import numba
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 
-
-class FinufftPhasorSum:
-    """SFCW sum of paths sorted by pair, equal steps, by finufft's type 1.
+def finufft_phasor_sum(
+    start: np.ndarray, k_per_m: np.ndarray, eps: float, length_m: np.ndarray, amplitude: np.ndarray
+) -> Callable[..., np.ndarray]:
+    """SFCW sum of paths sorted by pair, equal steps, by finufft's type 1, (n_pairs, n_freq).
 
     The fastest way to use finufft at its accuracy: a plan per thread, which takes the points of one
     pair after the other and does not sort them (docs/performance.md).
     """
+    n_pairs, n_freq = len(start) - 1, len(k_per_m)
+    # Mode 0 is the frequency in the middle; its phasor goes into the strengths.
+    turns, steps = k_per_m[n_freq // 2] * length_m, np.ptp(k_per_m) / (n_freq - 1) * length_m
+    phasor = np.exp(-2j * np.pi * (turns - np.rint(turns)))
+    strength = (amplitude * phasor).astype(np.complex64)
+    point = (2 * np.pi * (steps - np.rint(steps))).astype(np.float32)
 
-    def __init__(self, start: np.ndarray, frequencies_hz: np.ndarray, eps: float) -> None:
-        self.start, self.eps, self.n_freq = start, eps, len(frequencies_hz)
-        k = frequencies_hz / SPEED_OF_LIGHT_M_PER_S
-        # Mode 0 is the frequency in the middle; its phasor goes into the strengths.
-        self.k, self.dk = k[self.n_freq // 2], (k[-1] - k[0]) / (self.n_freq - 1)
-
-    def prepare(self, length_m: np.ndarray, amplitude: np.ndarray) -> None:
-        """Points and strengths, complex64."""
-        turns, steps = self.k * length_m, self.dk * length_m
-        phasor = np.exp(-2j * np.pi * (turns - np.rint(turns)))
-        self.strength = (amplitude * phasor).astype(np.complex64)
-        self.point = (2 * np.pi * (steps - np.rint(steps))).astype(np.float32)
-
-    def transform(self, threads: int = 1) -> np.ndarray:
-        """Shape (n_pairs, n_freq), complex64."""
-        n_pairs = len(self.start) - 1
-        out = np.zeros((n_pairs, self.n_freq), dtype=np.complex64)
+    def transform(threads: int = 1) -> np.ndarray:
+        out = np.zeros((n_pairs, n_freq), dtype=np.complex64)
 
         def some(pairs: range) -> None:
             plan = finufft.Plan(
-                1, (self.n_freq,), 1, self.eps, -1, dtype="complex64", nthreads=1, spread_sort=0
+                1, (n_freq,), 1, eps, -1, dtype="complex64", nthreads=1, spread_sort=0
             )
             for pair in pairs:
-                rows = slice(self.start[pair], self.start[pair + 1])
+                rows = slice(start[pair], start[pair + 1])
                 if rows.stop > rows.start:
-                    plan.setpts(self.point[rows])
-                    plan.execute(self.strength[rows], out=out[pair])
+                    plan.setpts(point[rows])
+                    plan.execute(strength[rows], out=out[pair])
 
         bounds = [n_pairs * i // threads for i in range(threads + 1)]
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(some, map(range, bounds[:-1], bounds[1:])))
         return out
+
+    return transform
 
 
 @numba.njit(parallel=True, fastmath=True, cache=False)
@@ -75,21 +68,15 @@ def range_backprojection(
     two_pi = np.float32(2.0 * math.pi)
     for row in numba.prange(nz * ny):
         iz, iy = row // ny, row % ny
-        tx_bins = np.empty((n_tx, nx), dtype=np.float32)
-        rx_bins = np.empty((n_rx, nx), dtype=np.float32)
-        tx_phasor = np.empty((n_tx, nx), dtype=np.complex64)
-        rx_phasor = np.empty((n_rx, nx), dtype=np.complex64)
-        for antennas, bins, phasor in ((tx_m, tx_bins, tx_phasor), (rx_m, rx_bins, rx_phasor)):
-            for a in range(len(antennas)):
-                for ix in range(nx):
-                    d = math.sqrt(
-                        (x_m[ix] - antennas[a, 0]) ** 2
-                        + (y_m[iy] - antennas[a, 1]) ** 2
-                        + (z_m[iz] - antennas[a, 2]) ** 2
-                    )
-                    bins[a, ix] = d * bins_per_m
-                    angle = two_pi * np.float32((d * k) % 1.0)
-                    phasor[a, ix] = complex(math.cos(angle), math.sin(angle))
+        bins = np.empty((n_tx + n_rx, nx), dtype=np.float32)
+        phasor = np.empty((n_tx + n_rx, nx), dtype=np.complex64)
+        for a in range(n_tx + n_rx):
+            x, y, z = tx_m[a] if a < n_tx else rx_m[a - n_tx]
+            for ix in range(nx):
+                d = math.sqrt((x_m[ix] - x) ** 2 + (y_m[iy] - y) ** 2 + (z_m[iz] - z) ** 2)
+                bins[a, ix] = d * bins_per_m
+                angle = two_pi * np.float32((d * k) % 1.0)
+                phasor[a, ix] = complex(math.cos(angle), math.sin(angle))
         total = np.zeros(nx, dtype=np.complex64)
         inner = np.empty(nx, dtype=np.complex64)
         offset = np.float32(first_m * bins_per_m)
@@ -97,14 +84,14 @@ def range_backprojection(
             inner[:] = 0
             for r in range(n_rx):
                 for ix in range(nx):
-                    at = tx_bins[t, ix] + rx_bins[r, ix] - offset
+                    at = bins[t, ix] + bins[n_tx + r, ix] - offset
                     b = int(at)
                     f = np.float32(at - b)
                     p = profiles[t, r, b]
                     p += f * (profiles[t, r, b + 1] - p)
-                    inner[ix] += p * rx_phasor[r, ix]
+                    inner[ix] += p * phasor[n_tx + r, ix]
             for ix in range(nx):
-                total[ix] += inner[ix] * tx_phasor[t, ix]
+                total[ix] += inner[ix] * phasor[t, ix]
         out[iz, iy] = total / (n_tx * n_rx)
     return out
 
@@ -120,17 +107,18 @@ def by_numpy(name: str, call: Callable[[], Any]) -> dict[str, Callable[[], Any]]
 
 
 class MitsubaRays:
-    """Mitsuba 3 by LLVM and Embree, one thread per core; queries leave their results there."""
+    """Mitsuba 3 by LLVM and Embree, one thread per core; results stay there until `answer`."""
 
     name = "Mitsuba, LLVM, all cores"
 
-    def __init__(self, triangles_m: np.ndarray) -> None:
+    def __init__(
+        self, triangles_m: np.ndarray, origins_m: np.ndarray, directions: np.ndarray
+    ) -> None:
         import drjit
         import mitsuba
 
         mitsuba.set_variant("llvm_ad_rgb")  # an error where there is no libLLVM
-        self._dr, self._mi = drjit, mitsuba
-        n = len(triangles_m)
+        self._dr, n = drjit, len(triangles_m)
         mesh = mitsuba.Mesh("mesh", 3 * n, n)
         parameters = mitsuba.traverse(mesh)
         corners = np.asarray(triangles_m, dtype=np.float32).reshape(-1)
@@ -138,32 +126,31 @@ class MitsubaRays:
         parameters["faces"] = mitsuba.UInt32(np.arange(3 * n, dtype=np.uint32))
         parameters.update()
         self._scene = mitsuba.load_dict({"type": "scene", "mesh": mesh})
-        self._rays: Any = None
-        self._answer: Any = None
+        o, d = (mitsuba.Point3f(np.ascontiguousarray(a.T)) for a in (origins_m, directions))
+        self._rays = mitsuba.Ray3f(
+            o, mitsuba.Vector3f(d), time=mitsuba.Float(0), wavelengths=mitsuba.Color0f()
+        )
+        self._ended = mitsuba.Ray3f(self._rays)
+        self._ended.maxt = mitsuba.Float(1.0)
+        drjit.eval(self._rays, self._ended)
 
-    def prepare(self, origins_m: np.ndarray, directions: np.ndarray) -> None:
-        mi = self._mi
-        o, d = (mi.Point3f(np.ascontiguousarray(a.T)) for a in (origins_m, directions))
-        self._rays = mi.Ray3f(o, mi.Vector3f(d), time=mi.Float(0), wavelengths=mi.Color0f())
-        self._ended = mi.Ray3f(self._rays)
-        self._ended.maxt = mi.Float(1.0)
-        self._dr.eval(self._rays, self._ended)
+    def blocked(self) -> tuple[Any, ...]:
+        """Whether each ray is blocked within its length."""
+        return self._made(self._scene.ray_test(self._ended))
 
-    def query_blocked(self) -> None:
-        self._answer = self._scene.ray_test(self._ended)
-        self._dr.eval(self._answer)
+    def faces(self) -> tuple[Any, ...]:
+        """The nearest face of each ray, and its distance."""
+        found = self._scene.ray_intersect_preliminary(self._rays, coherent=False)
+        return self._made(found.prim_index, found.t)
+
+    def _made(self, *found: Any) -> tuple[Any, ...]:
+        self._dr.eval(*found)
         self._dr.sync_thread()
+        return found
 
-    def blocked(self) -> np.ndarray:
-        self.query_blocked()
-        return np.array(self._answer)
 
-    def query_faces(self) -> None:
-        self._answer = self._scene.ray_intersect_preliminary(self._rays, coherent=False)
-        self._dr.eval(self._answer.t, self._answer.prim_index)
-        self._dr.sync_thread()
-
-    def faces(self) -> np.ndarray:
-        self.query_faces()
-        met = np.isfinite(np.array(self._answer.t))
-        return np.where(met, np.array(self._answer.prim_index).astype(np.int64), -1)
+def answer(found: Any, distance: Any = None) -> np.ndarray:
+    """What Mitsuba found, -1 where it met nothing."""
+    if distance is None:
+        return np.array(found)
+    return np.where(np.isfinite(np.array(distance)), np.array(found).astype(np.int64), -1)

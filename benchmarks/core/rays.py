@@ -13,7 +13,7 @@ from clradar.geometry.bvh import build_bvh, face_normals, flatten
 from clradar.tracing.visible_surface import VisibleSurface
 from core import meshes
 from core.nearest import NearestHits
-from core.peers import MitsubaRays
+from core.peers import MitsubaRays, answer
 from core.work import ARRAY, Work
 
 PAUSE_S = 0.1  # mitsuba's threads wait actively for a while after each call
@@ -63,9 +63,7 @@ def _our_tree(triangles_m: np.ndarray, device: clradar.Device) -> None:
 
 def _mitsuba_tree(triangles_m: np.ndarray) -> None:
     one = np.ones((1, 3), np.float32)
-    mitsuba = MitsubaRays(triangles_m)
-    mitsuba.prepare(one, one)
-    mitsuba.faces()  # nothing is left to be done later
+    MitsubaRays(triangles_m, one, one).faces()  # nothing is left to be done later
 
 
 def bounces_of(scene: clradar.Scene, n_rays: int) -> tuple[np.ndarray, np.ndarray]:
@@ -91,11 +89,11 @@ def _against(
     found: np.ndarray,
 ) -> Work:
     """The same rays by Mitsuba; `found` is our answer to `query`, a method of its."""
-    peer = MitsubaRays(scene.triangles_m)
-    peer.prepare(*rays)
-    differ, n = np.mean(getattr(peer, query)() != found), len(rays[0])
+    peer = MitsubaRays(scene.triangles_m, *rays)
+    theirs, n = getattr(peer, query), len(rays[0])
+    differ = np.mean(answer(*theirs()) != found)
     return Work(
         f"{name}, {n / 1e6:.2g} M rays, {scene.n_faces} faces", {"": ours},
-        {peer.name: getattr(peer, f"query_{query}")}, f"{differ:.1e} of the results differ",
+        {peer.name: theirs}, f"{differ:.1e} of the results differ",
         n / 1e6, "M rays/s", pause_s=PAUSE_S,
     )  # fmt: skip

@@ -30,8 +30,7 @@ def phasor_sum(device: clradar.Device, n_paths: int) -> Work:
         ARRAY.n_tx, ARRAY.n_rx,
     )  # fmt: skip
     start = np.searchsorted(pair, np.arange(ARRAY.n_tx * ARRAY.n_rx + 1))
-    peer = peers.FinufftPhasorSum(start, WAVEFORM.frequencies_hz, 1e-5)
-    peer.prepare(paths.length_m, paths.amplitude)
+    peer = peers.finufft_phasor_sum(start, K_PER_M, 1e-5, paths.length_m, paths.amplitude)
 
     def ours() -> np.ndarray:
         made = clradar.synthesize(paths, ARRAY, WAVEFORM, device=device).data
@@ -47,10 +46,10 @@ def phasor_sum(device: clradar.Device, n_paths: int) -> Work:
         f"phasor sum, {n_paths / 1e6:g} M paths, {len(start) - 1} pairs x {WAVEFORM.n_freq}",
         {"": ours},
         {
-            "finufft type 1, 1e-5, points and strengths given": peer.transform,
-            "in two threads": partial(peer.transform, 2),
+            "finufft type 1, 1e-5, points and strengths given": peer,
+            "in two threads": partial(peer, 2),
         },
-        f"against float64 {error_db(ours()):.0f} dB, finufft {error_db(peer.transform()):.0f} dB",
+        f"against float64 {error_db(ours()):.0f} dB, finufft {error_db(peer()):.0f} dB",
     )
 
 
