@@ -158,13 +158,13 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "none beside": (lambda: comparison_figure(blob(), []), "at least one simulated image"),
     "more metrics": (
         lambda: comparison_figure(blob(), [("a", blob())], metrics=[METRICS, METRICS]),
-        "metrics for 1 simulated images, got 2",
+        r"metrics of all simulated images, at \[15.0\] dB, got \[15.0, 15.0\] dB",
     ),
     "other metrics": (
         lambda: comparison_figure(
             blob(), [("a", blob())], metrics=[METRICS], dynamic_range_db=20.0
         ),
-        "metrics at 20 dB, got metrics at 15 dB",
+        r"at \[20.0\] dB, got \[15.0\] dB",
     ),
     "pixels": (lambda: comparison_figure(blob(), [("a", blob(step=5.0))]), "same pixels"),
     "panels": (

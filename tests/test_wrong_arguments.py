@@ -20,8 +20,6 @@ CALLS = {
     "simulate: scene: expected a Scene": lambda: clradar.simulate("a.ply", ARRAY, BAND),
     "trace: array: expected an AntennaArray": lambda: clradar.trace(SCENE, BAND),
     "spread: scene": lambda: clradar.spread("a.ply", ARRAY, BAND, GRID),
-    "spread: array": lambda: clradar.spread(SCENE, BAND, ARRAY, GRID),
-    "spread: waveform": lambda: clradar.spread(SCENE, ARRAY, 77e9, GRID),
     "draw_channels: dead_tx": lambda: clradar.draw_channels(ARRAY, BAND, dead_tx=3),
     "room_capture: walls": lambda: clradar.room_capture(ARRAY, BAND, 3),
     "MovingScene.bodies": lambda: clradar.MovingScene(SCENE),

@@ -22,8 +22,6 @@ from clradar.model.progress import Progress
 from clradar.simulation import simulate
 from clradar.tracing.settings import SimulationSettings, merged_settings, takes_settings
 
-MOST_SEEDS = 100_000
-
 VARIES = {  # with the seed of each estimator
     "stochastic": "shot noise of random rays", "expected": "choice of samples",
     "physical": "roughness",
@@ -93,10 +91,8 @@ def spread(
     shot noise of random rays: 0.1
     """
     checks.instance("spread: scene", scene, Scene)
-    checks.instance("spread: array", array, AntennaArray)
-    checks.instance("spread: waveform", waveform, Waveform)
     checks.instance("spread: grid", grid, VoxelGrid)
-    count = checks.whole("spread: seeds", seeds, 2, MOST_SEEDS)
+    count = checks.whole("spread: seeds", seeds, 2, 100_000)
     checks.dynamic_range("spread: dynamic_range_db", dynamic_range_db)
     base = merged_settings(settings, **fields)
     faults = None if impairments is None else dict(impairments)

@@ -1,13 +1,7 @@
 """The hand's joints: WebXR names, degrees of freedom and ranges of motion.
 
-All angles are zero in the hand held flat: fingers straight and parallel, the thumb straight beside
-them, the palm towards the radar and the fingers up. Flexion bends towards the palm; the thumb's
-goes across the palm, at its last two joints towards its pad. Abduction spreads: index and middle
-finger towards the thumb, ring and little finger away from it, the thumb out of the plane of the
-palm towards its front, the wrist towards the thumb (radial deviation). Twist is about the bone that
-begins at the joint: it turns a finger's pad towards the thumb, the thumb's pad towards the fingers
-(opposition), and the whole hand into pronation. Flexion comes first, then abduction about the axis
-that it has rotated, then twist, the order of the International Society of Biomechanics [2]_.
+docs/poses.md has the signs of angles and their order. All are zero in the hand held flat: fingers
+straight and parallel, the thumb straight beside them.
 
 References
 ----------
@@ -15,8 +9,6 @@ References
    1965: fingers, MCP -45 to 90 (passive), PIP 0 to 100, DIP 0 to 90; thumb, CMC flexion 15,
    extension 20, abduction 70, MCP 0 to 50, IP 0 to 80; wrist, flexion 80, extension 70, radial 20,
    ulnar 30 deviation; forearm, pronation 80, supination 80 degrees.
-.. [2] Wu et al., "ISB recommendation on definitions of joint coordinate systems ... Part II:
-   shoulder, elbow, wrist and hand", Journal of Biomechanics 38(5), 2005.
 """
 
 from __future__ import annotations

@@ -220,7 +220,7 @@ def _surface(field: FleshField, spacing_m: float) -> tuple[np.ndarray, np.ndarra
     # Which have other skin close in front, as where fingers touch.
     ahead_m = 2.0 * spacing_m
     facing = field.distances_m(vertices_m + ahead_m * normal) < 0.9 * ahead_m
-    return _uncrossed(vertices_m, raw_m, faces, facing, spacing_m), faces
+    return _uncrossed(vertices_m, raw_m, faces, facing), faces
 
 
 def _largest_component(
@@ -276,14 +276,11 @@ def _uncrossed(
     raw_m: np.ndarray,
     faces: np.ndarray,
     facing: np.ndarray,
-    spacing_m: float,
 ) -> np.ndarray:
     """Return the vertices with those of intersecting faces where marching cubes had them.
 
     The triangles of marching cubes stay within their cells, so they cannot intersect.
     """
-    from scipy.spatial import cKDTree
-
     vertices_m = vertices_m.copy()
     among = np.flatnonzero(facing[faces].any(axis=1))
     back = np.zeros(0, dtype=np.int32)
@@ -293,10 +290,6 @@ def _uncrossed(
             break
         back = np.union1d(back, moved)
         vertices_m[moved] = raw_m[moved]
-        # New intersections can only involve a face that moved, and what touches it: no edge is
-        # longer than 1.8 of the spacing.
-        near_m, _ = cKDTree(raw_m[moved]).query(vertices_m[faces[among, 0]])
-        among = among[near_m < 6.0 * spacing_m]
     return vertices_m
 
 

@@ -34,13 +34,6 @@ class HandShape(Record):
         scaled to this length has. `length_m` holds for any of them: the palm takes the rest.
     girth : float
         Thickness of palm and fingers, relative to that of an average hand of this breadth.
-
-    Examples
-    --------
-    >>> long = clradar.hand.HandShape(length_m=0.2, finger_lengths=(1.0, 1.0, 1.05, 1.0, 1.0))
-    >>> straight = clradar.hand.posed_skeleton(clradar.hand.HandPose("straight"), long)
-    >>> f"{straight.joint_m('middle-finger-tip')[1]:.3f} m, without the fingertip's soft tissue"
-    "0.196 m, without the fingertip's soft tissue"
     """
 
     length_m: float = 0.1874
@@ -70,15 +63,8 @@ ADULT_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType(
 )
 """Lowest and highest value of each field of `HandShape` that `random_shape` returns.
 
-Length and breadth go from the 5th percentile of women to the 95th of men [1]_. Finger lengths and
-girth are two and a half and two standard deviations, respectively, to either side (`random_shape`).
-
-References
-----------
-.. [1] Greiner, "Hand anthropometry of U.S. Army personnel", NATICK TR-92/011, 1991, and Gordon et
-   al., "1988 anthropometric survey of U.S. Army personnel", NATICK TR-89/044, 1989: hand length 194
-   with a standard deviation of 9.8 mm for men, 181 and 9.7 mm for women; breadth 90.4 and 4.2 mm,
-   79.4 and 3.8 mm.
+Length and breadth go from the 5th percentile of women to the 95th of men (docs/poses.md). Finger
+lengths and girth are two and a half and two standard deviations, respectively, to either side.
 """
 
 # Mean and standard deviation of length and breadth, millimetres: women, men.

@@ -8,9 +8,7 @@ Bone lengths are the means of Buryanov and Kotiuk, "Proportions of hand segments
 28(3), 2010 (adults, radiographs). The carpus and the distances between the knuckles are chosen so
 that the hand has the length (wrist crease to middle fingertip) and the breadth (at the knuckles) of
 an average adult: Greiner, "Hand anthropometry of U.S. Army personnel", NATICK TR-92/011, 1991, has
-means of about 194 and 90 mm for men, 181 and 79 mm for women. The fingers come out about as long,
-from their creases, as the means that Chatzioglou, Pinar and Govsa measured (Anat. Cell Biol. 57(2),
-2024, doi 10.5115/acb.23.310): 64, 71, 66 and 53 mm from index to little finger.
+means of about 194 and 90 mm for men, 181 and 79 mm for women.
 """
 
 from __future__ import annotations

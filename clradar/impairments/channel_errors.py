@@ -7,7 +7,6 @@ Random numbers are of Philox, which counts: J. Salmon et al., "Parallel random n
 from __future__ import annotations
 
 from collections.abc import Iterable
-from enum import IntEnum
 from threading import Lock
 from typing import Any
 
@@ -19,29 +18,20 @@ SEED_LIMIT = 2**64 - 1
 FRAME_LIMIT = 999_999  # largest number of a recorded frame
 
 
-class Part(IntEnum):
-    """Quantities that are drawn. A number never changes its meaning."""
-
-    NOISE = 1
-    TX_GAIN = 2
-    RX_GAIN = 3
-    TX_PHASE = 4
-    RX_PHASE = 5
-    TX_DELAY = 6
-    RX_DELAY = 7
-    TX_PHASE_DRIFT = 8
-    RX_PHASE_DRIFT = 9
-    TX_GAIN_DRIFT = 10
-    RX_GAIN_DRIFT = 11
-    COMMON_PHASE_DRIFT = 12
+DRAWN = (
+    *("noise", "tx gain", "rx gain", "tx phase", "rx phase", "tx delay", "rx delay"),
+    *("tx phase drift", "rx phase drift", "tx gain drift", "rx gain drift", "common phase drift"),
+)
+"""Quantities that are drawn, by numbers from 1 on: none ever changes its place."""
 
 
-def random_stream(seed: int, part: Part, frame: int = 0) -> np.random.Generator:
-    """Return the generator of one part of one frame, independent of those of all others.
+def random_stream(seed: int, drawn: str, frame: int = 0) -> np.random.Generator:
+    """Return the generator of one of `DRAWN` in one frame, independent of those of all others.
 
-    Philox4x64-10 with the key (seed, part), started at the counter (0, 0, 0, frame).
+    Philox4x64-10 with the key (seed, its number), started at the counter (0, 0, 0, frame).
     """
-    key = np.array([checks.whole("seed", seed, 0, SEED_LIMIT), part], dtype=np.uint64)
+    number = DRAWN.index(drawn) + 1
+    key = np.array([checks.whole("seed", seed, 0, SEED_LIMIT), number], dtype=np.uint64)
     counter = np.array([0, 0, 0, checks.whole("frame", frame, 0, FRAME_LIMIT)], dtype=np.uint64)
     return np.random.Generator(np.random.Philox(counter=counter, key=key))
 
@@ -94,8 +84,8 @@ def draw_channels(
     delay = checks.within("draw_channels: delay_s", delay_s, 0.0, np.inf)
     drawn: dict[str, np.ndarray] = {}
     for side, count, dead in (("tx", array.n_tx, dead_tx), ("rx", array.n_rx, dead_rx)):
-        parts = [Part[f"{side.upper()}_{kind}"] for kind in ("GAIN", "PHASE", "DELAY")]
-        units = [random_stream(seed, part).uniform(-1, 1, count) for part in parts]
+        kinds = (f"{side} {kind}" for kind in ("gain", "phase", "delay"))
+        units = [random_stream(seed, kind).uniform(-1, 1, count) for kind in kinds]
         response = 10 ** (gain * units[0] / 20) * np.exp(1j * phase * units[1])
         field = f"draw_channels: dead_{side}"
         for channel in checks.several(field, dead):
@@ -118,28 +108,28 @@ def drift_factors(
     Random walks: each frame adds a normal step to the phase (standard deviation `phase_rad`) and to
     the gain (`gain_db`) of every channel, and one to the phase that all share. Frame 0 has none.
     """
-    common = _walked(seed, Part.COMMON_PHASE_DRIFT, 1, frame, common_phase_rad)
+    common = _walked(seed, "common phase drift", 1, frame, common_phase_rad)
     sides = []
-    for side, count in (("TX", array.n_tx), ("RX", array.n_rx)):
-        gain = _walked(seed, Part[f"{side}_GAIN_DRIFT"], count, frame, gain_db)
+    for side, count in (("tx", array.n_tx), ("rx", array.n_rx)):
+        gain = _walked(seed, f"{side} gain drift", count, frame, gain_db)
         if (most := np.abs(gain).max()) > GAIN_LIMIT_DB:
             got = f"{most:g} dB at frame {frame}"
             checks.fail("drift_gain_db", f"a walk within {GAIN_LIMIT_DB:g} dB", got)
-        phase = _walked(seed, Part[f"{side}_PHASE_DRIFT"], count, frame, phase_rad)
+        phase = _walked(seed, f"{side} phase drift", count, frame, phase_rad)
         sides.append(10 ** (gain / 20) * np.exp(1j * phase))
     return sides[0] * np.exp(1j * common), sides[1]
 
 
-def _walked(seed: int, part: Part, count: int, frame: int, deviation: float) -> np.ndarray:
+def _walked(seed: int, drawn: str, count: int, frame: int, deviation: float) -> np.ndarray:
     """Sum of the normal steps of so many frames, shape (count,): from the frame before, if that is
     the last that was asked for, so that a recording of n frames does not cost n^2 steps."""
     if not deviation:
         return np.zeros(count)
-    key = (seed, part, count)
+    key = (seed, drawn, count)
     with _LOCK:
         done, position, random = _WALKS.pop(key, (0, np.zeros(count), None))
         if random is None or done > frame:
-            done, position, random = 0, np.zeros(count), random_stream(seed, part)
+            done, position, random = 0, np.zeros(count), random_stream(seed, drawn)
         for _ in range(done, frame):
             position = position + random.standard_normal(count)
         _WALKS[key] = (frame, position, random)

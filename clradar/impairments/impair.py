@@ -13,14 +13,13 @@ from clradar.impairments.channel_errors import (
     FRAME_LIMIT,
     GAIN_LIMIT_DB,
     SEED_LIMIT,
-    Part,
     drift_factors,
     random_stream,
 )
 from clradar.model import AntennaArray, Capture, ChannelResponse, Waveform, checks
 from clradar.model.capture import check_same_radar
 from clradar.model.plausible import place
-from clradar.model.record import Record
+from clradar.model.record import Record, plain
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -124,15 +123,9 @@ def room_capture(
         ways = zip(lengths, levels, strict=True)
         row[:] = sum(_echo(waveform.frequencies_hz, d[tx], a[tx]) for d, a in ways)
     data.flags.writeable = False
-    record = {
-        "walls": [
-            {"point_m": w.point_m.tolist(), "normal": w.normal.tolist(), "amplitude": w.amplitude}
-            for w in planes
-        ],
-        "points_m": points.tolist(),
-        "point_amplitudes": [[a.real, a.imag] for a in amplitudes.tolist()],
-    }
-    return Capture(data, array, waveform, {"room": record})
+    pairs = amplitudes.view(np.float64).reshape(-1, 2)
+    room = plain({"walls": planes, "points_m": points, "point_amplitudes": pairs})
+    return Capture(data, array, waveform, {"room": room})
 
 
 def _spreading_loss(rms: float, length_m: np.ndarray) -> np.ndarray:
@@ -315,7 +308,7 @@ def _signal(
             checks.fail("impair: coupling_db", "antennas apart from each other", first)
         rms = float(np.sqrt(power) * 10 ** (settings["coupling_db"] / 20))
         coupling = _spreading_loss(rms, between_m)
-    noise = random_stream(seed, Part.NOISE, frame)
+    noise = random_stream(seed, "noise", frame)
     for tx in range(array.n_tx):
         x = capture.data[tx].astype(np.complex128)
         if room is not None:

@@ -267,17 +267,15 @@ def planned(
                 break
         return replace(piece, tx=tx, error=error)
 
-    trials = []
+    best, least = None, np.inf
     for parts in sorted({min(parts, array.n_tx) for parts in PARTS}):
-        own = windows(parts)
-        # One for all: that with the most samples, the middle one of many that have as many.
-        half = len(own) // 2
-        piece = fewest(*max(own[half:] + own[:half], key=lambda one: len(one[0])))
-        if piece.error <= tolerance:
-            trials.append((len(own) * len(piece.times_s) * (overhead_tx + len(piece.tx)), parts))
-    for _, parts in sorted(trials):
         pieces = [fewest(*window) for window in windows(parts)]
+        work = sum(len(piece.times_s) * (overhead_tx + len(piece.tx)) for piece in pieces)
+        if best and work > least:
+            break  # more parts have more instants
         instants = sum(len(piece.times_s) for piece in pieces)
         if instants <= MOST_INSTANTS and all(piece.error <= tolerance for piece in pieces):
-            return pieces
-    raise too_fast()
+            best, least = pieces, work
+    if best is None:
+        raise too_fast()
+    return best

@@ -34,16 +34,11 @@ def open_device(
         "platform:device" (indices), "gpu", "cpu", or part of a device's or platform's name ("pocl",
         "nvidia", ...). None: ``CLRADAR_DEVICE``, else ``PYOPENCL_CTX``, else the first GPU, else
         Intel's CPU runtime, else PoCL. Of several that are meant, the first that builds and passes
-        its test, with a warning of those before it (docs/install.md).
+        its test, with a warning of those before it (docs/install.md); an error if none does.
     memory_limit_bytes : int, optional
         Most device memory to plan with; three quarters of the device's by default.
     width, launch_work : optional
         Those of `Device`, instead of what suits its kind; a width of 1 or 8.
-
-    Raises
-    ------
-    DeviceError
-        None that is meant works. There is no fallback to another one.
 
     Examples
     --------

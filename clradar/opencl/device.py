@@ -121,11 +121,8 @@ class Device:
 
     def describe(self) -> dict[str, str]:
         """Device, platform and version, for a file's provenance."""
-        return {
-            "device": self.info.name,
-            "platform": self.info.platform,
-            "version": self.info.version,
-        }
+        info = self.info
+        return {"device": info.name, "platform": info.platform, "version": info.version}
 
 
 def list_devices() -> list[DeviceInfo]:

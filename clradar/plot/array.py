@@ -137,8 +137,6 @@ def _cuts(axes: Axes, array: Clusters, waveform: Waveform, found: ArrayFigures) 
             label=f"{'xyz'[axis]}: {text if np.isfinite(width) else 'none'}",
         )  # fmt: skip
     axes.axhline(-3, color="#999999", linewidth=0.6, linestyle=":")
-    axes.annotate("-3 dB", (0.01, -3), xycoords=("axes fraction", "data"), va="bottom",
-                  fontsize=drawing.TICK_PT, color="#666666")  # fmt: skip
     title = "response of the whole band; widths at -3 dB"
     drawing.label_axes(axes, f"distance from the focus ({unit.name})", drawing.BELOW_MAXIMUM, title)
     axes.legend(fontsize=drawing.TICK_PT)

@@ -127,11 +127,9 @@ class FramePictures:
     """Draws the frames of a recording, level and depth with the same colours in every frame."""
 
     def __init__(self, images: Iterable[DepthMap], dynamic_range_db: float) -> None:
-        reference: DepthMap | None = None
-        for image in images:
-            if reference is None:
-                reference = image
-                continue
+        others = iter(images)
+        reference: Any = next(others, None)
+        for image in others:
             higher = image.amplitude > reference.amplitude
             reference = DepthMap(
                 np.where(higher, image.depth_m, reference.depth_m),
@@ -191,9 +189,6 @@ def curves_figure(
         for (label, values), colour in zip(curves.items(), cycle(drawing.CURVE_COLOURS)):
             axes.plot(time, values, ".-", color=colour, lw=1.0, ms=3.0, label=quoted(label))
         drawing.label_axes(axes, "", name)
-        if name == "overlap":  # from 0 to 1
-            low, high = axes.get_ylim()
-            axes.set_ylim(max(low, -0.02), min(high, 1.02))
         if len(curves) > 1:
             beside: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
             axes.legend(fontsize=drawing.TICK_PT, frameon=False, **beside)

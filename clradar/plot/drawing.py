@@ -107,13 +107,8 @@ def pixel_edges(image: DepthMap | Disagreement, unit: LengthUnit) -> tuple[np.nd
     step = min((np.diff(a).min() for a in axes if len(a) > 1), default=1e-3 * unit.per_m)
     edges = []
     for axis in axes:
-        inner = (axis[1:] + axis[:-1]) / 2
-        ends = (
-            2 * axis[[0, -1]] - inner[[0, -1]]
-            if len(inner)
-            else axis + step * np.array([-0.5, 0.5])
-        )
-        edges.append(np.concatenate([ends[:1], inner, ends[1:]]))
+        half = np.diff(axis) / 2 if len(axis) > 1 else np.array([step / 2])
+        edges.append(np.concatenate([axis[:1] - half[:1], axis[:-1] + half, axis[-1:] + half[-1:]]))
     return edges[0], edges[1]
 
 

@@ -169,7 +169,12 @@ def comparison_figure(
         shown.append(depth_map_of(image, dynamic_range_db, f"simulated image '{label}'"))
     if metrics is None:
         metrics = [compare(shown[0], s, dynamic_range_db=dynamic_range_db) for s in shown[1:]]
-    _check_metrics(metrics, len(simulated), dynamic_range_db)
+    wanted, got = len(simulated) * [dynamic_range_db], [own.dynamic_range_db for own in metrics]
+    if got and got != wanted:
+        raise CompareError(
+            f"comparison_figure: expected metrics of all simulated images, at {wanted} dB, got "
+            f"{got} dB"
+        )
     unmatched = [disagreement(shown[0], one) for one in (shown[1:] if differences else ())]
     labels = [measured_label, *(label for label, _ in simulated)]
     extent, columns = drawing.Extent.around(shown), len(labels)
@@ -236,16 +241,3 @@ def _write_caption(figure: Figure, metrics: Sequence[Metrics], notes: Sequence[s
             write((box.x0 + box.x1) / 2, row, drawing.typeset(one.text(values)), "center")
     for row, line in enumerate(notes, len(table)):
         write(0.01, row, line, "left")
-
-
-def _check_metrics(metrics: Sequence[Metrics], count: int, dynamic_range_db: float) -> None:
-    if metrics and len(metrics) != count:
-        raise CompareError(
-            f"comparison_figure: expected metrics for {count} simulated images, got {len(metrics)}"
-        )
-    for values in metrics:
-        if values.dynamic_range_db != dynamic_range_db:
-            raise CompareError(
-                f"comparison_figure: expected metrics at {dynamic_range_db:g} dB, got metrics at "
-                f"{values.dynamic_range_db:g} dB"
-            )

@@ -17,13 +17,12 @@ from clradar.model import AntennaArray, Capture, DepthMap, Scene, Volume, VoxelG
 from clradar.model.length_unit import unit_for
 from clradar.plot.array import draw_elements
 from clradar.plot.captures import capture_figure
-from clradar.plot.drawing import DEPTH_SCALE, SINGLE_PANEL_WIDTH, add_bar, label_axes, new_figure
+from clradar.plot.drawing import SINGLE_PANEL_WIDTH, new_figure
 from clradar.plot.images import image_figure
 from clradar.plot.saving import figure_bytes
 
 PICTURE_DPI = 110
 
-MOST_FACES = 200_000  # of a scene that is drawn: it takes a second
 MOST_LETTERS = 80  # of a line of the provenance
 
 
@@ -121,31 +120,12 @@ def _array_figure(array: AntennaArray) -> Figure:
     return figure
 
 
-def _scene_figure(scene: Scene) -> Figure:
-    """Draw the faces as the radar sees them, without occlusion, in the colours of depth."""
-    if scene.n_faces > MOST_FACES:
-        raise CompareError(f"scene: expected {MOST_FACES} faces to draw, got {scene.n_faces}")
-    unit = unit_for(*np.ravel(scene.vertices_m))
-    x, y, z = unit.per_m * scene.vertices_m.T
-    faces = scene.faces[np.argsort(-z[scene.faces].mean(axis=1))]  # the nearest last
-    figure = new_figure(SINGLE_PANEL_WIDTH + 2.0, SINGLE_PANEL_WIDTH + 1.0)
-    axes = figure.subplots()
-    drawn = axes.tripcolor(
-        x, y, z, triangles=faces, cmap=DEPTH_SCALE, shading="flat", rasterized=True
-    )
-    axes.set_aspect("equal")
-    label_axes(axes, f"\N{LEFTWARDS ARROW} x ({unit.name})", f"y ({unit.name})", grid=False)
-    axes.invert_xaxis()
-    add_bar([axes], drawn, f"depth z ({unit.name})", "neither")
-    return figure
-
-
 KINDS: Mapping[type, tuple[Callable[[Any], dict[str, str]], Callable[[Any], Figure] | None]] = {
     AntennaArray: (_array_facts, _array_figure),
     Capture: (_capture_facts, capture_figure),
     DepthMap: (_depth_facts, image_figure),
     Metrics: (_metrics_facts, None),
-    Scene: (_scene_facts, _scene_figure),
+    Scene: (_scene_facts, None),
     Volume: (_volume_facts, image_figure),
     VoxelGrid: (_axes_facts, None),
     Waveform: (_waveform_facts, None),

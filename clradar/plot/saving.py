@@ -46,6 +46,5 @@ def figure_bytes(figure: Figure, *, dpi: float | None = None, suffix: str = ".pn
     # SVG ids are random without a salt, and a user's settings must not crop the page.
     settings = {"svg.hashsalt": "clradar", "savefig.bbox": None, "savefig.transparent": False}
     with matplotlib.rc_context(settings):
-        kind, metadata = suffix[1:], METADATA[suffix]
-        figure.savefig(stream, format=kind, dpi=dpi or figure.dpi, metadata=metadata)
+        figure.savefig(stream, format=suffix[1:], dpi=dpi or figure.dpi, metadata=METADATA[suffix])
     return stream.getvalue()

@@ -5,13 +5,15 @@ pygltflib reads the document; what is in it is checked where it is used.
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 from urllib.parse import unquote
 
 import numpy as np
+from pydantic import Field
 from pygltflib import DATA_URI_HEADER, GLTF2
 from scipy.spatial.transform import Rotation
 
@@ -26,8 +28,10 @@ from clradar.files.meshes.gltf_document import (
     check_document,
     parents_and_order,
 )
+from clradar.files.records import FileRecord, checked, read_record, record_of
 from clradar.hand import JOINT_NAMES
 from clradar.hand.joints import CHAINS, WRIST
+from clradar.hand.pose_record import JointName
 from clradar.model import checks
 from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
 from clradar.rigs.rig import MAX_VERTICES, Surface, rig_of
@@ -38,6 +42,28 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MAX_SETS = 16
 
 Entry = TypeVar("Entry")
+
+
+Node = Annotated[
+    str | int,
+    checked("the name or number of a node", lambda v: type(v) in (str, int)),
+]
+
+
+class MappingFile(FileRecord):
+    """What a mapping file says: WebXR name = name or number of a node."""
+
+    joints: dict[JointName, Node] = Field(description="a table [joints]: WebXR name = node")
+
+
+def nodes_of(
+    mapping: str | os.PathLike[str] | Mapping[str, str | int], rig: Path
+) -> dict[str, str | int]:
+    """Return the node of each joint of a mapping or of its file."""
+    if isinstance(mapping, Mapping):
+        return record_of({"joints": dict(mapping)}, MappingFile, rig, error=RigError).joints
+    expected = "a TOML file with a table [joints]: WebXR name = node"
+    return read_record(Path(mapping), MappingFile, expected, error=RigError).joints
 
 
 def plain_gltf(

@@ -78,8 +78,7 @@ def read_rig(
         checks.fail("betas", "a MANO model (.pkl, .npz) for them", f"{file.name}")
     if not start.startswith(GLB_MAGIC) and start.lstrip(_BLANKS)[:1] != b"{":
         fail(file, EXPECTED, "something else", error=RigError)
-    from clradar.rigs.gltf import plain_gltf
-    from clradar.rigs.mapping_record import nodes_of
+    from clradar.rigs.gltf import nodes_of, plain_gltf
 
     nodes = None if mapping is None else nodes_of(mapping, file)
     rig = Rig.of_plain(read(plain_gltf, file, nodes, unit_m, handedness, modules=needed))

@@ -11,7 +11,7 @@ import clradar
 from clradar import AntennaArray, Capture, Wall, Waveform, draw_channels, impair, room_capture
 from clradar.errors import ModelError
 from clradar.impairments import channel_errors
-from clradar.impairments.channel_errors import Part, drift_factors, random_stream
+from clradar.impairments.channel_errors import DRAWN, drift_factors, random_stream
 
 C = 299_792_458.0
 # complex64 rounds real and imaginary part to 2^-24 of themselves; computed in float64 before.
@@ -107,7 +107,7 @@ def test_streams_of_parts_seeds_and_frames_are_independent():
     draws = [
         random_stream(seed, part, frame).integers(2**63, size=1000)
         for seed in (0, 1)
-        for part in Part
+        for part in DRAWN
         for frame in (0, 1)
     ]
     assert len(np.unique(draws)) == np.size(draws)
