@@ -38,6 +38,10 @@ line = { first_m = [-0.0275, 0, 0], last_m = [0.0275, 0, 0], n = 12 }
 [[rx]]
 line = { first_m = [0, -0.0375, 0], last_m = [0, 0.0375, 0], n = 16 }
 """,
+    "hook.toml": """name = "hook"
+[joints.index-finger-phalanx-intermediate]
+flexion_deg = 80
+""",
     "motion.toml": "[[body]]\nvelocity_mm_per_s = [0, 0, 500]",
 }
 """What the examples read."""

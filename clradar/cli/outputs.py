@@ -187,7 +187,7 @@ def write(
     elif hasattr(content, "faces"):  # in metres; the name says the format
         import trimesh
 
-        from clradar.files.meshes.ply_parts import ply_of_parts
+        from clradar.files.meshes.parts import ply_of_parts
 
         kind, surface = path.suffix.lower()[1:], (content.vertices_m, content.faces)
         if kind == "ply":

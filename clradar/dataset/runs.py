@@ -37,7 +37,6 @@ from clradar.dataset.shards import (
     samples_of,
 )
 from clradar.errors import ClradarError, DeviceError, MeasurementError, handled_warnings, warn
-from clradar.files.atomic import remove_temporaries
 from clradar.files.failures import fail
 from clradar.files.hashing import sha256_of
 from clradar.files.json_file import differences
@@ -117,10 +116,7 @@ def run(
         again = {sample // plan.output.shard_size for sample in dataset.manifest.aside if retry}
         if shards := sorted({*dataset.manifest.missing, *again}):
             job.clear(SUMMARIES)
-            try:
-                dataset.make(shards, where, progress)
-            finally:
-                remove_temporaries(path / SHARDS)  # of killed workers
+            dataset.make(shards, where, progress)
         write_manifest(path, dataset.manifest)
         job.clear([PARTS])
         from clradar.dataset.contact_sheet import write_contact_sheet

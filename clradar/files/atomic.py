@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import platform
-import re
 import secrets
 import shutil
 import sys
@@ -100,27 +99,22 @@ def _temporary(target: Path) -> Path:
     return target.with_name(f".{target.name[:40]}.{owner}.tmp")
 
 
-TEMPORARY = ".*.tmp"  # such names
-_OWNER = re.compile(rf"\.(.{{1,40}})\.{_MACHINE}-([0-9]+)-[0-9a-f]{{8}}\.tmp", re.DOTALL)
-
-
 def remove_left(targets: Iterable[Path]) -> None:
     """Remove what processes of this machine that were killed had half written of these names."""
     if sys.platform == "win32":  # which cannot be asked whether a process is alive
         return
-    names: dict[Path, set[str]] = {}
-    for target in targets:
-        names.setdefault(target.parent, set()).add(target.name[:40])
-    for folder, ours in names.items():
-        for path in folder.glob(TEMPORARY):
-            found = _OWNER.fullmatch(path.name)
-            if found is not None and found[1] in ours and not _is_alive(int(found[2])):
+    ours = {(target.parent, f".{target.name[:40]}") for target in targets}
+    for folder in {folder for folder, _ in ours}:
+        for path in folder.glob(".*.tmp"):
+            start, _, owner = path.name.rpartition(f".{_MACHINE}-")
+            process, _, _ = owner.partition("-")
+            if (folder, start) in ours and process.isdecimal() and not _is_alive(int(process)):
                 _remove(path)
 
 
 def remove_temporaries(folder: Path) -> None:
     """Remove what was half written in a folder that no other process writes into."""
-    for path in folder.glob(TEMPORARY):
+    for path in folder.glob(".*.tmp"):
         _remove(path)
 
 

@@ -87,9 +87,6 @@ def read_pose(path: str | os.PathLike[str]) -> HandPose:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> text = 'name = "hook"\\n[joints.index-finger-phalanx-intermediate]\\nflexion_deg = 80'
-    >>> _ = Path("hook.toml").write_text(text)
     >>> hook = clradar.hand.read_pose("hook.toml")
     >>> hook.angles("index-finger-phalanx-intermediate").degrees()
     (80.0, 0.0, 0.0)

@@ -104,16 +104,14 @@ def room_capture(
         image = array.tx_m - 2 * heights[0][:, None] * wall.normal
         lengths.append(np.linalg.norm(image[:, None] - array.rx_m, axis=2))
         levels.append(_spreading_loss(wall.amplitude, lengths[-1]))
-    points, field = np.empty((0, 3)), "room_capture: points_m"
-    if points_m is not None:
-        points = checks.read_only(field, points_m, np.float64, (None, 3), allow_empty=True)
-    if not planes and not len(points):
+    field, given = "room_capture: points_m", np.empty((0, 3)) if points_m is None else points_m
+    points = checks.read_only(field, given, np.float64, (None, 3), allow_empty=True)
+    n = len(points)
+    if not planes and not n:
         checks.fail("room_capture", "at least one wall or one point", "none")
-    amplitudes, field = np.ones(len(points), np.complex128), "room_capture: point_amplitudes"
-    if point_amplitudes is not None:
-        amplitudes = checks.read_only(
-            field, point_amplitudes, np.complex128, amplitudes.shape, allow_empty=True
-        )
+    field, given = "room_capture: point_amplitudes", point_amplitudes
+    given = np.ones(n) if given is None else given
+    amplitudes = checks.read_only(field, given, np.complex128, (n,), allow_empty=True)
     for point, amplitude in zip(points, amplitudes, strict=True):
         to_tx, to_rx = (np.linalg.norm(side - point, axis=1) for side in (array.tx_m, array.rx_m))
         lengths.append(to_tx[:, None] + to_rx)

@@ -60,6 +60,7 @@ class Job:
     def held(self) -> Iterator[None]:
         """Keep other processes out of the folder, and begin in it or go on."""
         with held(self.folder, self.work):
+            self._remove_temporaries()
             self._begin()
             try:
                 yield
@@ -67,11 +68,15 @@ class Job:
                 if not self.resumable(self.folder):
                     self.clear()
                 raise
+            finally:
+                self._remove_temporaries()
 
-    def _begin(self) -> None:
-        # Here, where no other process writes, and not by those that share the work later.
+    def _remove_temporaries(self) -> None:
+        """Remove what killed processes left, while no other writes."""
         for place in (self.folder, *(self.folder / name for name in self.own)):
             remove_temporaries(place)
+
+    def _begin(self) -> None:
         path = self.folder / self.key_name
         if path.exists() or path.is_symlink():
             try:

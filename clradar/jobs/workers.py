@@ -36,18 +36,13 @@ from clradar.opencl.program import self_test
 from clradar.versions import own_version
 
 DEVICE = "DEVICE"  # the Dask resource of workers: one for each item that a worker makes at a time
-WAITING, AHEAD = 2, 4
-"""Submitted items per worker: the one being made, and the next; and where results keep their order,
-so that others are made while one is waited for."""
+AHEAD = 4
+"""Submitted items per worker where results keep their order, so that others are made while one is
+waited for; else one, so that no other is blamed where a worker dies."""
 
 CONNECT_S = 10.0
 
-FIRST_S, RETURN_S = 10.0, 600.0
-"""Longest wait for a worker: for a first one, and for one that died, which its nanny starts again
-however busy the machine is."""
-
-LATE_S, LATE_STEP_S = 120.0, 0.05
-"""Longest wait for items that are made twice, and the interval of polling."""
+FIRST_S, POLL_S = 10.0, 0.05  # longest wait for a first worker, and its interval of polling
 
 BLAS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
@@ -257,7 +252,14 @@ class Workers:
 
     def _facts(self, device: str | None) -> dict[str, Any]:
         """Versions and device of one worker, which has to be of this version."""
-        self._await_workers(FIRST_S)
+        until_s, address = monotonic() + FIRST_S, self.client.scheduler_info(n_workers=0)["address"]
+        while not self._known():
+            if monotonic() > until_s:
+                raise ClusterError(
+                    f"{address}: expected workers with a device, got none; start some by: "
+                    f'dask worker {address} --nthreads 1 --memory-limit 0 --resources "{DEVICE}=1"'
+                )
+            sleep(POLL_S)
         expected = f"expected workers with clradar {own_version()}, as on the client"
         try:
             asked = self.client.submit(worker_facts, device, pure=False, resources={DEVICE: 1})
@@ -266,13 +268,12 @@ class Workers:
         except Exception as error:
             got = reason_of(error)
         if got is not None:
-            address = self.client.scheduler_info(n_workers=0)["address"]
             raise ClusterError(f"{address}: {expected}, got {got}")
         return facts
 
     def in_order(self, work: Work[Any], items: Sequence[Any]) -> Iterator[Outcome]:
         """Yield the outcomes of all items in their order; the first error ends all."""
-        for i, future in self._finished(work, [*enumerate(items)], AHEAD, ordered=True):
+        for i, future in self._finished(work, items, AHEAD, ordered=True):
             try:
                 result, warned = future.result()
             except distributed.KilledWorker as error:
@@ -286,29 +287,12 @@ class Workers:
             yield result, warned
 
     def outcomes(self, work: Work[Any], items: Sequence[Any]) -> Iterator[tuple[int, Outcome]]:
-        """Yield the number of each item with its outcome, as soon as it is known.
-
-        When a worker dies, Dask blames all items that it had. So those that it gives up are
-        retried at the end, each alone in the whole cluster. Workers that died are back at the end.
-        """
-        blamed: list[int] = []
-        yield from self._outcomes(work, [*enumerate(items)], blamed)
-        for number in sorted(blamed):
-            alone = [(number, items[number])] if len(items) > 1 else []
-            died = number, (ClradarError("its worker process died each time"), list[str]())
-            yield [*self._outcomes(work, alone, []), died][0]
-        if blamed:
-            self._await_workers(RETURN_S)
-
-    def _outcomes(
-        self, work: Work[Any], items: Sequence[tuple[int, Any]], blamed: list[int]
-    ) -> Iterator[tuple[int, Outcome]]:
-        """The same without another try; items at which a worker died become `blamed`."""
-        for number, future in self._finished(work, items, WAITING):
+        """Yield the number of each item with its outcome, as soon as it is known."""
+        for number, future in self._finished(work, items, 1):
             try:
                 yield number, future.result()
             except distributed.KilledWorker:
-                blamed.append(number)
+                yield number, (ClradarError("its worker process died each time"), [])
             except (distributed.CancelledError, CommClosedError) as error:
                 raise ClusterError(
                     "the scheduler is gone, or cancelled the samples; the same command resumes"
@@ -317,34 +301,32 @@ class Workers:
                 yield number, (ClradarError(reason_of(error)), [])
 
     def _finished(
-        self,
-        work: Work[Any],
-        items: Sequence[tuple[int, Any]],
-        ahead: int,
-        *,
-        ordered: bool = False,
+        self, work: Work[Any], items: Sequence[Any], ahead: int, *, ordered: bool = False
     ) -> Iterator[tuple[int, distributed.Future]]:
         """Yield numbers of items with futures that are done; `ahead` for each worker are begun."""
         run, finished = secrets.token_hex(4), distributed.as_completed([], loop=self.client.loop)
         pending: dict[distributed.Future, int] = {}
         ready: dict[int, distributed.Future] = {}
         submitted = 0
+
+        def killed(number: int) -> bool:  # of which the others need not wait for their turn
+            return bool(ready[number].status == "error")
+
         try:
-            for turn, (expected, _) in enumerate(items):
-                for number, item in items[submitted : turn + max(1, ahead * len(self._known()))]:
+            for turn in range(len(items)):
+                until = min(len(items), turn + max(1, ahead * len(self._known())))
+                for number in range(submitted, until):
                     future = self.client.submit(
-                        run_item, work, item, self.terms, key=("item", run, number),
+                        run_item, work, items[number], self.terms, key=("item", run, number),
                         resources={DEVICE: 1}, retries=0 if ordered else ATTEMPTS - 1,
                     )  # fmt: skip
                     pending[future] = number
                     finished.add(future)
-                    submitted += 1
-                while not ready or (ordered and expected not in ready):
+                submitted = max(submitted, until)
+                while not (due := [n for n in ready if not ordered or n == turn or killed(n)]):
                     future = next(finished)
                     ready[pending.pop(future)] = future
-                number = expected if ordered else next(iter(ready))
-                yield number, ready.pop(number)
-            self._await_late(run)
+                yield due[0], ready.pop(due[0])
         finally:
             # Workers of a scheduler finish the items that they have begun, and leave what they made
             # to the next run.
@@ -355,27 +337,3 @@ class Workers:
         """The workers with a device by their addresses."""
         known = self.client.scheduler_info(n_workers=-1)["workers"]
         return {at: worker for at, worker in known.items() if worker["resources"].get(DEVICE)}
-
-    def _await_workers(self, limit_s: float) -> None:
-        until_s = monotonic() + limit_s
-        while not self._known():
-            if monotonic() > until_s:
-                address = self.client.scheduler_info(n_workers=0)["address"]
-                raise ClusterError(
-                    f"{address}: expected workers with a device, got none; start some by: "
-                    f'dask worker {address} --nthreads 1 --memory-limit 0 --resources "{DEVICE}=1"'
-                )
-            sleep(LATE_STEP_S)
-
-    def _await_late(self, run: str) -> None:
-        """Wait for items of a worker that died, even finished ones, which Dask has made twice."""
-        until_s = monotonic() + LATE_S
-        while monotonic() < until_s:
-            if not any(self.client.run(_is_busy, run, on_error="ignore").values()):
-                return
-            sleep(LATE_STEP_S)
-
-
-def _is_busy(run: str, dask_worker: Any) -> bool:
-    keys = list(dask_worker.active_threads.values())
-    return any(isinstance(key, tuple) and key[:2] == ("item", run) for key in keys)

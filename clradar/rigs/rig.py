@@ -22,15 +22,7 @@ from clradar.hand.skin import Skin, by_bone
 from clradar.model import checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
-from clradar.rigs.anatomy import (
-    canonical_axes,
-    check_joints,
-    check_side,
-    check_unit,
-    parents_of,
-    reach,
-    rest_frames,
-)
+from clradar.rigs import anatomy
 
 # The ball of the thumb belongs to the palm, as in the hand of this package.
 _PART_OF_JOINT = np.zeros(len(JOINT_NAMES), dtype=np.int64)
@@ -145,7 +137,7 @@ class Rig(Record):
         vertices_m = self.skin.posed(rotations, places_m)
         if self.blend is not None:
             joints = list(MANO_JOINTS[1:])
-            parents = parents_of(self.known)[joints]
+            parents = anatomy.parents_of(self.known)[joints]
             against = np.swapaxes(rotations[parents], 1, 2) @ rotations[joints]
             own = self.axes.T @ against @ self.axes - np.eye(3)
             offsets_m = (self.blend @ own.reshape(-1)) @ self.axes.T
@@ -161,7 +153,7 @@ class Rig(Record):
 
     def joint_places_m(self, rotations: np.ndarray) -> np.ndarray:
         """Return the joints (25, 3) after rotations as of `turned`; NaN for none."""
-        places_m, parents = self.joints_m.copy(), parents_of(self.known)
+        places_m, parents = self.joints_m.copy(), anatomy.parents_of(self.known)
         for joint in np.flatnonzero(self.known)[1:]:  # from the wrist on
             up = parents[joint]
             bone_m = self.joints_m[joint] - self.joints_m[up]
@@ -273,11 +265,11 @@ def rig_of(
     """
     if not len(surface.faces):
         checks.fail("mesh", "faces with three corners", "none")
-    check_joints(joints)
-    side = check_side(joints, side)
-    check_unit(joints, unit_m)
+    anatomy.check_joints(joints)
+    side = anatomy.check_side(joints, side)
+    anatomy.check_unit(joints, unit_m)
     rest = surface.rest()
-    extent, size = float(np.ptp(rest, axis=0).max()), reach(joints)
+    extent, size = float(np.ptp(rest, axis=0).max()), anatomy.reach(joints)
     if extent > _MAX_EXTENT * size:
         most = f"at most {_MAX_EXTENT:g} times the length from wrist to finger"
         got = f"{extent / size:.3g} times: remove everything but hand and forearm"
@@ -291,7 +283,7 @@ def rig_of(
             near = f"most within {_MAX_DISTANCE:g} hand lengths of their joint"
             got = f"{distance:.2g}: are the inverse bind matrices missing, or another skin's?"
             checks.fail("vertices of fingers", near, got)
-    axes = canonical_axes(joints, side)
+    axes = anatomy.canonical_axes(joints, side)
     wrist = joints[WRIST]
     joints_m = (joints - wrist) @ axes.T * unit_m
     points_m = (surface.points - surface.weight[:, None] * wrist) @ axes.T * unit_m
@@ -300,7 +292,7 @@ def rig_of(
         rows = surface.joint == chain[-2]
         if rows.any():
             flesh_m[chain[-2]] = points_m[rows].sum(axis=0) / surface.weight[rows].sum()
-    frames = rest_frames(joints_m, axes @ local_axes, flesh_m)
+    frames = anatomy.rest_frames(joints_m, axes @ local_axes, flesh_m)
     faces = surface.faces
     # Cones from the centroid, which makes the missing cap of an open wrist count little.
     corners = ((rest - rest.mean(axis=0)) @ axes.T)[faces]

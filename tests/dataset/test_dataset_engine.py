@@ -2,7 +2,6 @@
 
 import json
 import logging
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -120,32 +119,6 @@ def test_two_workers_make_the_same_bytes_though_one_is_killed(cluster, faults, t
     assert [aside.sample for aside in result.aside] == [1]
     assert seen == [(n + 1, 3) for n in range(3)]
     assert digests(tmp_path / "cluster") == digests(tmp_path / "serial")
-
-
-def test_a_run_ends_after_samples_that_are_made_twice(cluster, tmp_path, monkeypatch):
-    """Dask reschedules what a dead worker held, and does not wait for it."""
-    from clradar.jobs.workers import Workers
-
-    begun, released, ended = (tmp_path / name for name in ("begun", "released", "ended"))
-
-    def slowly(begun, released, ended):
-        begun.touch()
-        while not released.exists():
-            time.sleep(0.01)
-        ended.touch()
-
-    arguments = (begun, released, ended)
-    key = ("item", "run", 1)
-    future = cluster.submit(slowly, *arguments, key=key, resources={"DEVICE": 1})
-    while not begun.exists():
-        time.sleep(0.01)
-    future.cancel()
-    Workers(cluster)._await_late("another run")
-    assert not ended.exists()
-    # It ends only once it is waited for.
-    monkeypatch.setattr("clradar.jobs.workers.sleep", lambda _: released.touch())
-    Workers(cluster)._await_late("run")
-    assert ended.exists()
 
 
 def test_the_error_of_an_unsuitable_worker_names_the_reason(tmp_path):

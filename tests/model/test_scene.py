@@ -12,7 +12,7 @@ import trimesh
 
 from clradar import Scene
 from clradar.errors import ClradarError, MeshError
-from clradar.files.meshes.ply_parts import ply_of_parts
+from clradar.files.meshes.parts import ply_of_parts
 from clradar.model.known_materials import material
 from clradar.model.material import METAL, PERFECT_CONDUCTOR, Material
 

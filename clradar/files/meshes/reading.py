@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import sys
 import warnings
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from typing import Any
 
 from clradar.errors import MeshError
 from clradar.files.confined import process
-from clradar.files.failures import clean, fail, read_bytes, reading, regular_file_size
+from clradar.files.failures import clean, fail, reading, regular_file_size
 from clradar.files.limits import (
     MAX_MESH_BYTES,
     MAX_MESH_FACES,
@@ -22,9 +23,8 @@ from clradar.files.limits import (
     MESH_MEMORY_BYTES,
     MESH_MEMORY_FACTOR,
 )
-from clradar.files.meshes import gltf_document, obj_text
-from clradar.files.meshes.parts import Parts, parts_of
-from clradar.files.meshes.ply_parts import with_properties
+from clradar.files.meshes import gltf_document
+from clradar.files.meshes.parts import Parts, parts_of, with_properties
 
 FORMATS = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """Endings of the names of files that are read."""
@@ -56,16 +56,15 @@ def run_confined(function: Callable[..., Any], path: Path, *arguments: Any, **op
 
 
 def _contents(path: Path) -> dict[str, Any]:
-    """Read a mesh file, in the confined process; only buffers of glTF are opened for it."""
+    """Read a mesh file, in the confined process."""
     kind, options = path.suffix.lower()[1:], dict[str, Any]()
-    content = read_bytes(path, EXPECTED, MAX_MESH_BYTES, error=MeshError)
+    content = process.file_bytes(path, EXPECTED, MAX_MESH_BYTES, error=MeshError)
     with reading(path, EXPECTED, error=MeshError):
         if kind in ("glb", "gltf"):
-            content, buffers = gltf_document.for_trimesh(path, content)
-            options = {"resolver": buffers, "skip_materials": True}
-        process.forbid_opening()
+            content = gltf_document.for_trimesh(path, content)
+            options = {"skip_materials": True}
         if kind == "obj":
-            content, files = obj_text.for_trimesh(path, content)
+            content, files = _obj_for_trimesh(path, content)
             # By default its objects and groups are merged under the first one's name.
             options = {"split_objects": True, "split_groups": True, "resolver": files}
         scene = _loaded(path, content, kind, options)
@@ -98,3 +97,37 @@ def _loaded(path: Path, content: bytes, kind: str, options: dict[str, Any]) -> A
         if isinstance(error, ModuleNotFoundError):
             got = "bytes that are neither of such a format nor UTF-8 text"
         fail(path, f"a mesh file (.{kind})", got, error=MeshError, cause=error)
+
+
+# Wavefront OBJ: Object Files (.obj), Advanced Visualizer manual, appendix B1
+
+_UNUSUAL = re.compile(r"^[ \t]+\S|^[fv][tn]?\t|^[ \t]*[fv].*#", re.MULTILINE)
+_LINE = re.compile(r"^[ \t]*(v|vt|vn|f)[ \t]+([^#\n]*).*$", re.MULTILINE)
+_INDENTED = re.compile(r"^[ \t]+(?=\S)", re.MULTILINE)
+_LONG_VERTEX = re.compile(r"^(v(?:[ \t]+[^\s]+){3})[ \t]+\S.*$", re.MULTILINE)
+_FEW_CORNERS = r"f(?:[ \t]+[^\s]+){0,2}[ \t]*$"
+_NO_VERTEX = r"f (?:.*[ \t])?(?:/|[+]?0+(?=[/ \t]|$)).*$"
+_COUNTED_BACK = r"f .*-.*$"  # from their line, which trimesh does from the file's end
+_REFUSED = re.compile(f"^(?:{_FEW_CORNERS}|{_NO_VERTEX}|{_COUNTED_BACK})", re.MULTILINE)
+_MATERIALS = re.compile(r"^mtllib\b.*", re.MULTILINE)
+_MATERIAL = re.compile(r"^usemtl (.*)", re.MULTILINE)
+
+
+def _obj_for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
+    """Return an OBJ file's content for trimesh, and by its name a file of materials for its own.
+
+    Lines are neither indented nor continued, and vertices are three numbers. With a material file
+    of several materials, trimesh calls parts by theirs; that file is not opened, so those that are
+    used count.
+    """
+    # Other encodings occur in comments and names only.
+    text = content.decode("utf-8-sig", "replace").replace("\r\n", "\n").replace("\\\n", " ")
+    if _UNUSUAL.search(text):
+        text = _INDENTED.sub("", _LINE.sub(r"\1 \2", text))
+    text = _LONG_VERTEX.sub(r"\1", text)  # by a weight or colour, which not all need to have
+    if refused := _REFUSED.search(text):
+        wanted = "a mesh with faces of three corners or more, counted from 1: export it so"
+        fail(path, wanted, f"'{clean(refused[0])}'", error=MeshError)
+    several = len({name.strip() for name in _MATERIAL.findall(text)}) > 1
+    text = _MATERIALS.sub("mtllib materials", text)
+    return text.encode(), {"materials": b"newmtl 1\nnewmtl 2\n" if several else b""}

@@ -21,7 +21,7 @@ from calibration.registration.beyond_noise import NOMINAL_NOISE, ResidualImage, 
 from calibration.registration.register import TOLERANCE_M
 from clradar.cli.commands.fit import REGISTERED as FILES
 from clradar.errors import CompareError, ModelError
-from clradar.files.meshes.ply_parts import ply_of_parts
+from clradar.files.meshes.parts import ply_of_parts
 from clradar.hand import hand_mesh
 from measurement_io import open_capture, open_volume, read_transform, save_volume
 
