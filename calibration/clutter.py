@@ -24,6 +24,7 @@ ROUNDS = 6  # of reweighting: each takes its weights from the residual of the la
 MOST_GROUPS = 3  # of frames that agree, which are averaged until the largest is known
 RESIDUAL_FLOOR = 1e-12  # residual power of a delay bin over the mean: bounds the weights
 POWER_FLOOR = 1e-10  # of the strongest echo's power: below are sidelobes and rounding
+AGREE_DB = 1.0  # at most that echoes of frames that agree lose in their mean
 MOST_LOSS_DB = 30.0  # beyond it the echoes of two captures cancel each other
 
 EDGE_CELLS = 4.0  # default width of the transition bands, in cells c / 2B: 6 cm for 10 GHz
@@ -67,10 +68,10 @@ def clean(
     return capture if channels is None else correct(capture, channels, mask=mask)
 
 
-def average_frames(
-    captures: Iterable[Capture], *, align_phase: bool = False, max_loss_db: float = 1.0
-) -> Capture:
-    """Average frames of a static scene coherently, those that agree.
+def average_frames(captures: Iterable[Capture], *, align_phase: bool = False) -> Capture:
+    """Average frames of a static scene coherently: the largest group of those that agree.
+
+    Frames agree unless echoes of any delay would be 1 dB weaker in their mean.
 
     Parameters
     ----------
@@ -78,9 +79,6 @@ def average_frames(
     align_phase : bool
         First rotate every frame by the phase that maximises its correlation with the sum of those
         before it, against a drift common to all channels.
-    max_loss_db : float
-        Frames agree unless echoes of any delay would be this much weaker in their mean. The largest
-        group of frames that agree is averaged.
 
     Returns
     -------
@@ -98,7 +96,6 @@ def average_frames(
     (1+1j)
     (2+0j)
     """
-    max_loss_db = checks.positive("average_frames: max_loss_db", max_loss_db)
     groups: list[_Mean] = []
     worst, count = (0.0, 0), 0
     for count, capture in enumerate(checks.several("average_frames: captures", captures), 1):
@@ -112,7 +109,7 @@ def average_frames(
             phasor = np.exp(1j * phase)
             turned = np.complex64(phasor) * profiles
             loss = averaging_loss_db(turned, group.profiles / np.float32(len(group.numbers)))
-            if loss[0] <= max_loss_db:
+            if loss[0] <= AGREE_DB:
                 group.add(capture, turned, phasor, count - 1)
                 break
             worst = max(worst, loss)

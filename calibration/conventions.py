@@ -34,10 +34,7 @@ MIRROR_X = np.array([-1.0, 1.0, 1.0])
 
 MARGIN_DB = 2.5
 """Conventions whose sharpness is this close to the best remain. On plates, which focus least, a
-wrong one was 1.8 dB ahead with antennas three wavelengths apart."""
-
-NOISE_SPREADS = 5.0  # of the sharpness of pure noise: the margin is at least as many
-GAUSSIAN_FOURTH_MOMENT_SPREAD = float(np.sqrt(20.0) / 2.0)  # E|V|^8 = 24, (E|V|^4)^2 = 4
+wrong one was 1.8 dB ahead with antennas three wavelengths apart; noise alone decided nothing."""
 
 FAST_FROM_TERMS = 2e8
 """Pairs times voxels of an image from which on the fast one is formed. It takes some tenths of a
@@ -73,11 +70,6 @@ class Hypothesis:
     conjugated: bool = False
     reversed: bool = False
     mirrored: bool = False
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            if not isinstance(getattr(self, name), bool | np.bool_):
-                checks.fail(f"Hypothesis.{name}", "True or False", repr(getattr(self, name)))
 
     @property
     def changes(self) -> int:
@@ -165,7 +157,7 @@ class Diagnosis:
         In the order of `HYPOTHESES`, swapped axes only with as many Tx as Rx; empty without an
         echo.
     candidates : tuple of Hypothesis
-        Those within `margin_db` of the sharpest, fewest changes first; mirrored where a known
+        Those within 2.5 dB of the sharpest, fewest changes first; mirrored where a known
         target says so.
     best : Hypothesis or None
         The first candidate. None without an echo, or with candidates that differ in the sign of the
@@ -174,7 +166,6 @@ class Diagnosis:
         Whether a known target decided between the image and its mirror image.
     recommendation : str
         What to change, in words.
-    margin_db : float
     """
 
     scores: tuple[Score, ...]
@@ -182,7 +173,6 @@ class Diagnosis:
     best: Hypothesis | None
     mirror_known: bool
     recommendation: str
-    margin_db: float
 
     @property
     def decided(self) -> bool:
@@ -190,22 +180,17 @@ class Diagnosis:
         return self.best is not None and len(self.candidates) == 1
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything but the images in types that JSON has."""
-
-        def named(h: Hypothesis) -> dict[str, Any]:
-            return {"label": h.label, **plain(h)}
-
+        """Everything but the images in types that JSON has, hypotheses by their labels."""
         scores = [
-            {**named(s.hypothesis), "relative_db": s.relative_db, "peak_m": s.peak_m}
+            {"label": s.hypothesis.label, "relative_db": s.relative_db, "peak_m": s.peak_m}
             for s in self.scores
         ]
         return {
-            "best": self.best and named(self.best),
+            "best": self.best and self.best.label,
             "decided": self.decided,
             "mirror_known": self.mirror_known,
-            "candidates": [named(h) for h in self.candidates],
+            "candidates": [h.label for h in self.candidates],
             "recommendation": self.recommendation,
-            "margin_db": self.margin_db,
             "hypotheses": plain(scores),
         }
 
@@ -281,8 +266,7 @@ def diagnose(
         z, y, x = np.unravel_index(int(np.abs(volume.data).argmax()), volume.data.shape)
         peak_m = np.array([volume.grid.x_m[x], volume.grid.y_m[y], volume.grid.z_m[z]])
         scores.append(Score(h, level_db, peak_m, volume.depth_map()))
-    margin_db = max(_margin_db(imaged, own) for own in grids)
-    left = [score.hypothesis for score in scores if score.relative_db >= -margin_db]
+    left = [score.hypothesis for score in scores if score.relative_db >= -MARGIN_DB]
     left.sort(key=lambda h: (h.changes, h))
     both = [replace(h, mirrored=mirrored) for h in left for mirrored in (False, True)]
     if expected is not None:
@@ -294,11 +278,11 @@ def diagnose(
     undecided = len({(h.conjugated, h.reversed and not one_frequency) for h in left}) > 1
     best = None if undecided else left[0]
     text = _recommendation(best, left, mirror_known, expected is not None)
-    return Diagnosis(tuple(scores), tuple(left), best, mirror_known, text, margin_db)
+    return Diagnosis(tuple(scores), tuple(left), best, mirror_known, text)
 
 
 def _undecidable(reason: str) -> Diagnosis:
-    return Diagnosis((), (), None, False, f"Undecidable: {reason}.", MARGIN_DB)
+    return Diagnosis((), (), None, False, f"Undecidable: {reason}.")
 
 
 def search_grids(capture: Capture) -> list[VoxelGrid]:
@@ -356,18 +340,6 @@ def _image(capture: Capture, grid: VoxelGrid, device: Device) -> Volume:
 
 def _sharpness(volume: Volume) -> float:
     return float((np.abs(volume.data).astype(np.float64) ** 4).sum())
-
-
-def _margin_db(capture: Capture, grid: VoxelGrid) -> float:
-    """Margin of sharpness that pure noise does not exceed by chance."""
-    range_m = float(grid.z_m.mean())
-    cells = 1.0
-    for axis, ends in enumerate((grid.x_m, grid.y_m)):
-        cells *= 1 + float(ends[-1] - ends[0]) / lateral_resolution_m(capture, axis, range_m)
-    planes = 1 + float(grid.z_m[-1] - grid.z_m[0]) / (2 * capture.waveform.range_resolution_m)
-    pairs = capture.array.n_tx * capture.array.n_rx
-    spread = GAUSSIAN_FOURTH_MOMENT_SPREAD / np.sqrt(min(cells, pairs) * planes)
-    return max(MARGIN_DB, float(10 * np.log10(1 + NOISE_SPREADS * np.sqrt(2) * spread)))
 
 
 def _with_target(

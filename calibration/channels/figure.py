@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from clradar.model import ChannelCalibration, checks
 from clradar.plot.drawing import TICK_PT, label_axes, new_figure
 
-LIVE_COLOUR, NOISY_COLOUR, DEAD_COLOUR = "#1f5c99", "#d98a00", "#b3261e"
+COLOURS = {"live": "#1f5c99", "noisy": "#d98a00", "dead": "#b3261e"}
 
 
 def channels_figure(channels: ChannelCalibration, title: str | None = None) -> Figure:
@@ -19,34 +19,32 @@ def channels_figure(channels: ChannelCalibration, title: str | None = None) -> F
     checks.instance("channels_figure: channels", channels, ChannelCalibration)
     figure = new_figure(8.0, 6.0, title, dpi=200)
     grid = figure.subplots(3, 2, sharex="col", sharey="row")
+    response = channels.response
     for column, side in enumerate(("tx", "rx")):
-        response = channels.response
         gain, delay_s = (getattr(response, f"{side}_{name}") for name in ("gain", "delay_s"))
-        dead, noisy = (getattr(channels, f"{state}_{side}") for state in ("dead", "noisy"))
-        live = np.setdiff1d(np.flatnonzero(gain != 0), noisy)
+        of = {name: getattr(channels, f"{name}_{side}") for name in ("dead", "noisy")}
+        of["live"] = np.setdiff1d(np.flatnonzero(gain != 0), of["noisy"])
         level_db = 20 * np.log10(np.abs(np.where(gain != 0, gain, 1.0)))
-        phase_std, delay_std_s = (
-            getattr(channels, f"{side}_{name}") for name in ("phase_std_rad", "delay_std_s")
-        )
+        phase_std = np.degrees(getattr(channels, f"{side}_phase_std_rad"))
+        delay_std_ps = 1e12 * getattr(channels, f"{side}_delay_std_s")
         rows = (
             ("gain (dB)", level_db, 0 * phase_std),
-            ("phase (degrees)", np.degrees(np.angle(gain)), np.degrees(phase_std)),
-            ("delay (ps)", 1e12 * delay_s, 1e12 * delay_std_s),
+            ("phase (degrees)", np.degrees(np.angle(gain)), phase_std),
+            ("delay (ps)", 1e12 * delay_s, delay_std_ps),
         )
-        counts = f"{gain.size} {side.title()}: {dead.size} dead, {noisy.size} noisy"
-        for axes, (name, values, std) in zip(grid[:, column], rows, strict=True):
-            for at in dead:
-                axes.axvline(at, color=DEAD_COLOUR, linewidth=0.8, label="dead")
-            shown = ((live, LIVE_COLOUR, "live"), (noisy, NOISY_COLOUR, "noisy"))
-            for chosen, colour, state in shown:
-                axes.errorbar(
-                    chosen, values[chosen], std[chosen], fmt=".", color=colour, markersize=4,
-                    elinewidth=0.6, label=state if chosen.size else None,
-                )  # fmt: skip
-            label_axes(axes, "", name if column == 0 else "")
-        label_axes(axes, f"{side.title()} channel", axes.get_ylabel())
-        label_axes(grid[0, column], "", grid[0, column].get_ylabel(), counts)
-        if dead.size or noisy.size:
-            legend = dict(zip(*grid[0, column].get_legend_handles_labels()[::-1], strict=True))
-            grid[0, column].legend(legend.values(), legend.keys(), fontsize=TICK_PT)
+        for row, (axes, (name, values, std)) in enumerate(zip(grid[:, column], rows, strict=True)):
+            for number, at in enumerate(of["dead"]):
+                label = None if number else "dead"
+                axes.axvline(at, color=COLOURS["dead"], linewidth=0.8, label=label)
+            for state in ("live", "noisy"):
+                if (own := of[state]).size:
+                    axes.errorbar(
+                        own, values[own], std[own], fmt=".", color=COLOURS[state], markersize=4,
+                        elinewidth=0.6, label=state,
+                    )  # fmt: skip
+            counts = f"{gain.size} {side.title()}: {of['dead'].size} dead, {of['noisy'].size} noisy"
+            below = f"{side.title()} channel" if row == 2 else ""
+            label_axes(axes, below, "" if column else name, "" if row else counts)
+        if of["dead"].size or of["noisy"].size:
+            grid[0, column].legend(fontsize=TICK_PT)
     return figure

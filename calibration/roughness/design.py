@@ -53,7 +53,7 @@ class Estimates:
         """All numbers in types that strict JSON has; None stands for NaN."""
         own: Any = self
         shown = (f.name for f in fields(own) if f.name not in (*self.drawn, "estimates"))
-        estimates = {one.name: one.to_dict() for one in self.estimates}
+        estimates = {one.name: {"text": one.text(), **plain(one)} for one in self.estimates}
         return {**plain({name: getattr(self, name) for name in shown}), "estimates": estimates}
 
     def warn(self) -> None:

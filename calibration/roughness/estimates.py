@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import special
 
 from calibration.roughness.emulator import Emulator, Fit, Interval, at_ends, logarithms, terms
 from calibration.roughness.meters import COHERENT, REST
-from clradar.model.record import plain
 
 GRID = 1001  # alphas at which the likelihood is computed
 SMOOTH = 0.07  # alphas far below it look like 0
@@ -71,10 +69,6 @@ class AlphaEstimate:
         beyond = "alpha may lie beyond {:g}, an end of its range: take a wider range"
         doubts = self.fit.remarks("another pose or shape, several alphas")
         return [*(beyond.format(end) for end, bounded in ends if bounded), *doubts]
-
-    def to_dict(self) -> dict[str, Any]:
-        """All numbers in types that strict JSON has."""
-        return {"text": self.text(), "uncertainty": plain(self.uncertainty), **plain(self)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,12 +142,6 @@ class RoughnessEstimate:
         end = f"{1e3 * self.heights_m[-1]:.3g} mm, the end of its range: take a wider one"
         above = [f"the roughness may be above {end}"] if self.roughness_m.bounded_above else []
         return above + self.fit.remarks("another pose, shape or material")
-
-    def to_dict(self) -> dict[str, Any]:
-        """All numbers in types that strict JSON has."""
-        known = ("tells_roughness", "tells_correlation", "tells_slope")
-        told = {name: plain(getattr(self, name)) for name in known}
-        return {"text": self.text(), **told, **plain(self)}
 
 
 def estimate_alpha(

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from clradar.files.failures import fail, read_bytes, reading
-from clradar.files.json_file import parse_json
 from clradar.model import Scene, checks
 from clradar.model.record import Record
 
 PALM, FINGERS = "palm", "fingers"
-
 DIGITS = ("thumb", "index", "middle", "ring", "pinky")
-LIMIT_BYTES = 2**28  # of a file of regions
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -76,26 +70,6 @@ class Regions(Record):
             for name in names:
                 number[scene.part_names.index(name)] = i
         return cls(number[scene.part], tuple(groups))
-
-    @classmethod
-    def read(cls, path: str | Path, scene: Scene) -> Regions:
-        """Read a label per face (.npy, .json), or names of parts by region (.json)."""
-        path = Path(path)
-        expected = "'parts', 'fingers', or a .npy or .json file with a label for each face"
-        content = read_bytes(path, expected, LIMIT_BYTES)
-        with reading(path, expected):
-            if path.suffix.lower() == ".npy":
-                labels: Any = np.load(io.BytesIO(content), allow_pickle=False)
-            else:
-                labels = parse_json(content.decode("utf-8-sig"))
-            if isinstance(labels, dict):
-                return cls.of_parts(scene, labels)
-            mixed = isinstance(labels, list) and len(set(map(type, labels))) > 1
-            labels = np.asarray(labels)
-            if mixed or labels.dtype.kind not in "iuU" or labels.shape != (scene.n_faces,):
-                wanted = f"{scene.n_faces} whole numbers or strings, one per face"
-                fail(path, wanted, f"{labels.dtype} of shape {labels.shape}")
-            return cls.of_labels(labels)
 
     @classmethod
     def of_fingers(cls, scene: Scene) -> Regions:

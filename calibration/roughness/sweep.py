@@ -197,18 +197,16 @@ def sweep(
     whole = images.along(kept, lambda i: (i,) * max(1, len(names)))
     none: dict[str, Any] = dict.fromkeys(METRICS, math.nan)
     unknown = Metrics(**none, dynamic_range_db=dynamic_range_db)
-    compared = tuple(
-        tuple(
-            unknown if one is None else metrics_of(measured_map, one, dynamic_range_db)
-            for one in row
-        )
-        for row in whole
-    )
+
+    def compared(one: DepthMap | None) -> Metrics:
+        return metrics_of(measured_map, one, dynamic_range_db) if one else unknown
+
     estimates = (
         _estimate(design.WHOLE, meters[0], measured_map, whole, values),
         *_of_regions(names, meters[1:], measured_map, images, kept),
     )
-    result = Sweep(values, images.seeds, compared, estimates, measured_map, tuple(whole[0]))
+    metrics = tuple(tuple(map(compared, row)) for row in whole)
+    result = Sweep(values, images.seeds, metrics, estimates, measured_map, tuple(whole[0]))
     # Of a simulation in place of a measurement.
     estimator = capture_meta(measured.meta).get("settings", {}).get("estimator", ESTIMATOR)
     if estimator != ESTIMATOR:

@@ -244,8 +244,6 @@ def test_wrong_arguments(device):
             diagnose(capture, expected_m=place, device=device)
     with pytest.raises(ModelError, match="5 Tx and 4 Rx"):
         apply_convention(capture, Hypothesis(swapped=True))
-    with pytest.raises(ModelError, match="True or False"):
-        Hypothesis(swapped=2)
 
 
 # --- command line
@@ -271,7 +269,7 @@ def test_command(cli, monkeypatch):
     ((rows, _),) = drawn
     assert sum(map(len, rows)) == 8
     record = json.loads(Path("all.json").read_text())
-    assert record["best"]["label"] == "swapped, conjugated, mirrored"
+    assert record["best"] == "swapped, conjugated, mirrored"
     assert len(record["hypotheses"]) == 8
     right, want = open_capture("fixed.h5"), made("one point", scattered(12, 12))
     assert np.array_equal(right.data, want.data)

@@ -134,7 +134,6 @@ ERRORS = [
     ("clean sim.h5 --channels volume.h5 -o x.h5", "open_volume"),
     (f"{HAND} --turn-deg=1e308", "--turn-deg: expected a number in [-360, 360] deg, got 1e+308"),
     (f"{HAND} --rig none.glb", "none.glb: no such file; expected a rigged hand"),
-    (f"{SWEEP} --regions none.json", "none.json"),
     (f"sweep volume.h5 hand.ply -o x {ROUGH}", "expected a capture with --roughness-mm"),
     (f"{PLATE} --distance-mm 500", "estimate_channels"),
     ("compare volume.h5 volume.h5 --report x.pdf", ".html & '.pdf'"),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -87,7 +87,6 @@ class SweptOptions:
         )
 
 
-PARTS, FINGERS = "parts", "fingers"
 RESULT, TABLE, REGION_TABLE, FIGURE = "sweep.json", "sweep.csv", "regions.csv", "sweep.png"
 WORK = "work"
 
@@ -104,11 +103,8 @@ def sweep_command(
     output: Path = opt.output_option("New folder, or one to resume.", metavar="DIR", folder=True),
     swept: SweptOptions,
     made_of: opt.MaterialOptions,
-    regions: str | None = opt.option(
-        "Find an alpha for each named part, for fingers and palm, or for the regions of a file: "
-        ".npy or .json with a label per face, or .json with region: [parts].",
-        metavar="parts|fingers|FILE",
-        files=lambda regions: [] if regions in (PARTS, FINGERS) else [Path(regions)],
+    regions: Literal["parts", "fingers"] | None = opt.option(
+        "Find an alpha for each named part, or for fingers and palm."
     ),
     place: opt.PlacementOptions,
     simulation: opt.SimulationOptions,
@@ -142,8 +138,7 @@ def sweep_command(
             text = "expected 1 with --regions: a path of two bounces belongs to no single region"
             raise opt.wrong_usage("--max-bounces", text)
         kind = calibration.Regions
-        known = {PARTS: kind.of_parts, FINGERS: kind.of_fingers}
-        labels = known.get(regions, partial(kind.read, Path(regions)))(scene)
+        labels = kind.of_parts(scene) if regions == "parts" else kind.of_fingers(scene)
     found = img.Measurement(measured, frames, radar, voxels, imaging, devices.first)
     images = {**imaging.arguments, "dynamic_range_db": depth.dynamic_range_db}
     # What cannot be compared replaces no earlier sweep.

@@ -88,7 +88,7 @@ def test_a_common_drift_of_the_phase_is_corrected():
     made = recorder(drift_common_phase_rad=0.8, **{**CLEAN, "snr_db": 20})
     silent = replace(made, snr_db=None).frame(0)
     n = 12
-    blurred = average_frames((made.frame(i) for i in range(n)), max_loss_db=1000.0)
+    blurred = replace(silent, data=np.mean([made.frame(i).data for i in range(n)], axis=0))
     aligned = average_frames((made.frame(i) for i in range(n)), align_phase=True)
     assert kept_db(blurred, silent) < -1
     # The phase of one frame is known to sqrt(noise / signal / 2 / samples) = 2e-5 rad here, far
@@ -263,7 +263,6 @@ def gated(sweep: Waveform = SWEEP, **settings: float) -> Capture:
         (lambda: average_frames([echo(0.3), "b"]), "frame 1"),
         (lambda: average_frames([echo(0.3), echo(0.3, OTHER_SWEEP)]), "frame 1.*64 from 72 to 82"),
         (lambda: average_frames([echo(0.3), SILENT]), "frame 1.*antennas"),
-        (lambda: average_frames([echo(0.3)], max_loss_db=0), "max_loss_db"),
         (lambda: subtract_background(SILENT, echo(0.3)), "antennas"),
         (lambda: subtract_background(echo(0.3), echo(0.3, OTHER_SWEEP)), "frequencies"),
         (lambda: subtract_background(SILENT, SILENT, scaling="pair"), "scaling"),

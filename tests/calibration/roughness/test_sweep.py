@@ -318,26 +318,13 @@ def test_fingers_are_all_but_the_palm():
         Regions.of_fingers(SCENE)
 
 
-def test_a_file_of_regions(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    labels = SCENE.part.tolist()
-    (tmp_path / "a.json").write_text(json.dumps(labels))
-    (tmp_path / "b.json").write_text(json.dumps([["left", "right"][i] for i in labels]))
-    (tmp_path / "c.json").write_text(json.dumps({"one": ["right"], "two": ["left"]}))
-    np.save("d.npy", np.asarray(labels))
-    files = map(Path, ("a.json", "b.json", "c.json", "d.npy"))
-    made = [Regions.read(file, SCENE) for file in files]
-    assert [r.names for r in made] == [("0", "1"), ("left", "right"), ("one", "two"), ("0", "1")]
-    for regions, flip in zip(made, (0, 0, 1, 0), strict=True):
-        assert np.array_equal(regions.face, SCENE.part ^ flip)
-    wrong = [json.dumps(own) for own in (["0", *labels[1:]], [0] * len(labels))]
-    for text in (*wrong, "[0, 1]", "[0.5, 1]", '{"one": ["left"]}', '{"one": "left"}', "7", "{"):
-        (tmp_path / "bad.json").write_text(text)
-        with pytest.raises(ValueError, match=r"bad\.json"):
-            Regions.read(Path("bad.json"), SCENE)
-    np.save("bad.npy", np.array([{}], dtype=object), allow_pickle=True)
-    with pytest.raises(ValueError, match=r"bad\.npy"):
-        Regions.read(Path("bad.npy"), SCENE)
+def test_parts_of_a_mesh_in_groups():
+    flipped = Regions.of_parts(SCENE, {"one": ["right"], "two": ["left"]})
+    assert flipped.names == ("one", "two")
+    assert np.array_equal(flipped.face, SCENE.part ^ 1)
+    for groups in ({"one": ["left"]}, {"one": ["left", "right"]}):
+        with pytest.raises(ModelError, match="regions"):
+            Regions.of_parts(SCENE, groups)
 
 
 def test_the_figure_shows_images_and_probabilities(regional):
