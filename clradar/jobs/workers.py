@@ -304,11 +304,7 @@ class Workers:
         run, finished = secrets.token_hex(4), distributed.as_completed([], loop=self.client.loop)
         pending: dict[distributed.Future, int] = {}
         ready: dict[int, distributed.Future] = {}
-        submitted = 0
-
-        def killed(number: int) -> bool:  # of which the others need not wait for their turn
-            return bool(ready[number].status == "error")
-
+        submitted, dead = 0, -1
         try:
             for turn in range(len(items)):
                 until = min(len(items), turn + max(1, ahead * len(self._known())))
@@ -320,9 +316,11 @@ class Workers:
                     pending[future] = number
                     finished.add(future)
                 submitted = max(submitted, until)
-                while not (due := [n for n in ready if not ordered or n == turn or killed(n)]):
+                while not (due := [n for n in ready if not ordered or n in (turn, dead)]):
                     future = next(finished)
-                    ready[pending.pop(future)] = future
+                    ready[number := pending.pop(future)] = future
+                    # Where a process died the others are not waited for.
+                    dead = number if future.status == "error" else dead
                 yield due[0], ready.pop(due[0])
         finally:
             # Workers of a scheduler finish the items that they have begun, and leave what they made
