@@ -23,6 +23,7 @@ from clradar.dataset.plan.draws import Draw, Within, fixed, tried
 from clradar.errors import ClradarError, ModelError
 from clradar.files.failures import clean, fail, reading, regular_file_size
 from clradar.files.hashing import sha256_of
+from clradar.files.meshes.gltf_document import files_of
 from clradar.files.records import FileRecord, Number, NumberOrText, Numbers, Text, mistake
 from clradar.files.toml_file import choice_text, nearest, toml_brief
 from clradar.hand import (
@@ -185,7 +186,7 @@ class RigFile(Short):
         """Read the files of a plan, so that one that is no rig is found at once."""
         if not self.sha256:
             rig, files = tried(self.read, folder_of(info)), self.files(folder_of(info))
-            digests = {name: sha256_of(path) for name, path in files.items()}
+            digests = {name: sha256_of(*files_of(path)) for name, path in files.items()}
             self.__dict__.update(digests, handedness=rig.handedness)
         return self
 
@@ -211,7 +212,7 @@ class RigFile(Short):
             expected = f"the file of the plan (SHA-256 {wanted})"
             regular_file_size(path, expected, error=ModelError)
             with reading(path, expected, error=ModelError):
-                if sha256_of(path) != wanted:
+                if sha256_of(*files_of(path)) != wanted:
                     fail(path, expected, "another", error=ModelError)
 
 
