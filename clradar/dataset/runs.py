@@ -216,6 +216,7 @@ class _Run:
     def make(self, shards: Sequence[int], where: Where, progress: Progress | None) -> None:
         """Make shards; one that killed its workers again, without the sample that did it twice."""
         maker = ShardMaker(Path(os.path.abspath(self.path)), self.plan)  # links are not followed
+        again = set[int]()
         while shards:
             killed = []
             for number, (result, _) in where.outcomes(maker.run, shards, self.path, progress):
@@ -224,11 +225,14 @@ class _Run:
                     self._took(number, result)
                 elif type(result) is not ClradarError:
                     raise result
-                elif any(attempts_at(self.path, sample).exists() for sample in samples):
-                    killed.append(number)
-                else:
+                elif number in again and not any(
+                    attempts_at(self.path, n).exists() for n in samples
+                ):
                     raise ClradarError(f"samples {samples[0]} to {samples[-1]}: {result}")
+                else:
+                    killed.append(number)
             shards, progress = killed, None
+            again |= {*killed}
 
     def _take(self, number: int, sha256: str = "") -> None:
         """Take in a shard that is there: what it has, and what failed, as it or, of 0.2, the

@@ -11,8 +11,8 @@ from dataset_plans import LIGHT, digests, light_file
 from two_devices import findings_of
 
 from clradar.dataset import run
-from clradar.dataset.runs import ShardMaker
-from clradar.errors import DeviceError, ModelError, OutputError
+from clradar.dataset.runs import ShardMaker, attempts_at
+from clradar.errors import ClradarError, DeviceError, ModelError, OutputError
 from clradar.jobs import Where
 from clradar.jobs.workers import own_cores, partition
 from clradar.opencl import DeviceInfo, devices_like, open_device
@@ -142,6 +142,28 @@ def test_a_sample_that_kills_its_worker_is_set_aside_and_no_other(light, cluster
     faults({})
     assert run(LIGHT, tmp_path, where=workers(cluster), retry=True).made == 1
     assert digests(tmp_path) == digests(light)
+
+
+@pytest.mark.parametrize("deaths", [[4], [None], [4, None], [None, None]])
+def test_a_shard_that_kills_is_made_again_without_the_sample_at_which_it_does(tmp_path, deaths):
+    class Killing(Where):
+        """Whose workers die at shard 1, twice at a sample or while they make none."""
+
+        def outcomes(self, work, items, folder, progress=None):
+            for number in items:
+                if number != 1 or not deaths:
+                    yield from super().outcomes(work, [number], folder, progress)
+                    continue
+                if (sample := deaths.pop(0)) is not None:
+                    attempts_at(folder, sample).write_bytes(b"..")
+                yield number, (ClradarError("its worker process died each time"), [])
+
+    if deaths == [None, None]:
+        with pytest.raises(ClradarError, match="samples 3 to 5: its worker process died"):
+            run(LIGHT, tmp_path, where=Killing("pocl"))
+        return
+    wanted = [4] if deaths[0] else []
+    assert [aside.sample for aside in run(LIGHT, tmp_path, where=Killing("pocl")).aside] == wanted
 
 
 def test_an_address_without_a_scheduler_is_one_error(cli, monkeypatch):

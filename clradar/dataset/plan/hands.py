@@ -330,8 +330,7 @@ class ByPart(Short, Generic[Value]):
     @property
     def of_parts(self) -> Mapping[str, Any]:
         """What is `made` of every part of a sample, of which nothing is to be drawn."""
-        values = {name: getattr(self, name) for name in PART_NAMES}
-        return {n: self.made(self.others if own is None else own) for n, own in values.items()}
+        return {name: self.made(getattr(self, name) or self.others) for name in PART_NAMES}
 
     @classmethod
     def is_table(cls, value: Any) -> bool:
