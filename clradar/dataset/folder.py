@@ -11,14 +11,12 @@ older, of version 1, never closed.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, SkipValidation
 
 from clradar.dataset.plan.plan import Plan, plan_from, plan_record
 from clradar.dataset.shards import (
@@ -49,36 +47,30 @@ OWN_NAMES = (MANIFEST, SHARDS, PARTS, *SUMMARIES)
 MOST_LISTED = 10  # samples listed in a problem
 
 
-class ManifestRecord(OpenRecord):
-    """What is read of a manifest, beside its format and version."""
-
-    plan: dict[str, Any]
-    made_with: dict[str, Any]
-    set_aside: tuple[Aside, ...]
-    sha256: dict[str, str] = Field(default_factory=dict)
-
-
-@dataclass(slots=True)
-class Manifest:
+class Manifest(OpenRecord, frozen=False):
     """A data set as its folder tells it without any shard being opened."""
 
-    plan: Plan
-    made_with: Mapping[str, Any] = field(default_factory=dict)
-    aside: dict[int, Aside] = field(default_factory=dict)  # what failed, by its number
-    sha256: dict[str, str] = field(default_factory=dict)  # by the names of shards
-    shards: set[int] = field(default_factory=set)  # that are there
+    plan: SkipValidation[Plan]
+    made_with: dict[str, Any] = Field(default_factory=dict)
+    set_aside: tuple[Aside, ...] = ()  # what failed, in order
+    sha256: dict[str, str] = Field(default_factory=dict)  # by the names of shards
+    shards: SkipValidation[set[int]] = Field(default_factory=set)  # that are there; of no file
+
+    @property
+    def aside(self) -> dict[int, Aside]:
+        return {one.sample: one for one in self.set_aside}
 
     @property
     def missing(self) -> list[int]:
         """The shards that are to be made: not there, and with a sample that has not failed."""
-        absent = (n for n in range(self.plan.n_shards) if n not in self.shards)
-        return [n for n in absent if not all(s in self.aside for s in self.plan.shard_samples(n))]
+        aside, absent = self.aside, {*range(self.plan.n_shards)} - self.shards
+        return sorted(n for n in absent if not aside.keys() >= {*self.plan.shard_samples(n)})
 
     @property
     def stored(self) -> list[int]:
         """The samples that are there."""
-        samples = (n for shard in sorted(self.shards) for n in self.plan.shard_samples(shard))
-        return [sample for sample in samples if sample not in self.aside]
+        aside, plan = self.aside, self.plan
+        return [n for i in sorted(self.shards) for n in plan.shard_samples(i) if n not in aside]
 
     def place_of(self, sample: int) -> str:
         """The shard with a sample, or which would have it, relative to the folder."""
@@ -90,9 +82,9 @@ class Manifest:
             "clradar_format": FORMAT,
             "clradar_version": VERSION,
             "plan": plan_record(self.plan),
-            "made_with": dict(self.made_with),
-            "set_aside": [self.aside[sample].model_dump() for sample in sorted(self.aside)],
-            "sha256": {name: self.sha256[name] for name in sorted(self.sha256)},
+            "made_with": self.made_with,
+            "set_aside": [aside.model_dump() for aside in self.set_aside],
+            "sha256": dict(sorted(self.sha256.items())),
         }
 
 
@@ -111,9 +103,8 @@ def read_manifest(folder: Path) -> Manifest:
     if not path.is_file():
         fail(folder, "the folder of a data set", f"one without {MANIFEST}")
     manifest = manifest_of(path, read_json_object(path))
-    if (folder / SHARDS).is_dir():
-        there = {f"{SHARDS}/{name}" for name in os.listdir(folder / SHARDS)}
-        manifest.shards = {n for n in range(manifest.plan.n_shards) if shard_name(n) in there}
+    there = {f"{SHARDS}/{path.name}" for path in (folder / SHARDS).glob("*")}
+    manifest.shards = {n for n in range(manifest.plan.n_shards) if shard_name(n) in there}
     return manifest
 
 
@@ -125,10 +116,9 @@ def manifest_of(path: Path, content: Mapping[str, Any]) -> Manifest:
     version = content.get("clradar_version")
     if not isinstance(version, int) or version > VERSION:
         fail(path, f"version {VERSION} or older", f"{quoted(version)}; update clradar")
-    record = record_of(content, ManifestRecord, path)
-    plan = plan_from(record.plan, shown(path), path.parent)
-    aside = {one.sample: one for one in record.set_aside}
-    return Manifest(plan, record.made_with, aside, record.sha256)
+    manifest = record_of(content, Manifest, path)
+    manifest.plan = plan_from(content["plan"], shown(path), path.parent)
+    return manifest
 
 
 def shard_name(number: int) -> str:
@@ -150,7 +140,7 @@ def describe_dataset(folder: Path) -> Description:
     plan, closed, complete = manifest.plan, len(manifest.shards), not manifest.missing
     names = [pose.name for pose in plan.poses.resolved]
     size = sum((folder / shard_name(number)).stat().st_size for number in manifest.shards)
-    stored, aside = len(manifest.stored), len(manifest.aside)
+    stored, aside = len(manifest.stored), len(manifest.set_aside)
     text = f"yes, but for {aside} set aside" if aside else "yes"
     device = manifest.made_with.get("device", {})
     shards = f"{closed} of {plan.n_shards}, {size / 2**20:.1f} MiB"
@@ -162,7 +152,7 @@ def describe_dataset(folder: Path) -> Description:
         Fact("products", ", ".join(plan.output.products), list(plan.output.products)),
         Fact("poses", f"{plan.poses.kind} of {len(names)}: {clean(', '.join(names))}", names),
         Fact("seed", f"{plan.seed}", plan.seed),
-        Fact("made with", clean(json.dumps(device)), dict(manifest.made_with)),
+        Fact("made with", clean(json.dumps(device)), manifest.made_with),
     ]
     return Description(shown(folder), "data set", tuple(facts), (), tuple(_missing(manifest)))
 
@@ -191,7 +181,7 @@ def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport
             f"samples: {len(manifest.stored)}, labels are there",
             f"{', '.join(manifest.plan.output.products)}: finite numbers",
         ]
-    if manifest.aside:
+    if manifest.set_aside:
         samples = _listed(sorted(manifest.aside))
         checked.append(f"set aside, with their reasons in the manifest: {samples}")
     return CheckReport(shown(folder), tuple(checked), tuple(problems))
@@ -209,7 +199,7 @@ def _problems(folder: Path, manifest: Manifest, number: int) -> Iterator[str]:
     if known is not None and (found := sha256_of(path)) != known:
         yield f"expected the SHA-256 {known}, got {found}"
         return
-    samples = [n for n in plan.shard_samples(number) if n not in manifest.aside]
+    samples = sorted({*plan.shard_samples(number)} - manifest.aside.keys())
     with opened_shard(path) as file:
         if (there := samples_of(file)) != samples:
             yield f"expected the samples {_listed(samples)}, got {_listed(there)}"

@@ -91,7 +91,7 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
     view = xarray.concat(parts, "sample", **how)
     view.attrs = {
         "complete": int(not manifest.missing),
-        "set_aside": len(manifest.aside),
+        "set_aside": len(manifest.set_aside),
         "plan": to_json("plan", plan_record(manifest.plan)),
         "made_with": to_json("made_with", manifest.made_with),
     }

@@ -100,7 +100,7 @@ def run(
     rigs = [file for rig in plan.hands.rigs for file in rig.files(plan.folder).values()]
     where = replace(where or Where(device), files=tuple(rigs))
     job = Job(
-        folder=path, work="run of a data set", key=Manifest(plan).record(), own=OWN_NAMES,
+        folder=path, work="run of a data set", key=Manifest(plan=plan).record(), own=OWN_NAMES,
         resumable=lambda folder: any(any((folder / n).glob("*.h5")) for n in (SHARDS, PARTS)),
         force=force, key_name=MANIFEST,
         compared=lambda key: plan_record(manifest_of(path / MANIFEST, key).plan) if key else key,
@@ -109,7 +109,7 @@ def run(
         rig.check(plan.folder)  # before a data set is removed, or a folder made
     with job.held():
         if force:
-            write_manifest(path, Manifest(plan))  # nothing is set aside any more
+            write_manifest(path, Manifest(plan=plan))  # nothing is set aside any more
             job.clear(OWN_NAMES[1:])
         (path / SHARDS).mkdir(exist_ok=True)
         dataset = _Run(plan, path)
@@ -127,7 +127,7 @@ def run(
 class Made:
     """How many samples of a shard were made, with their warnings."""
 
-    made_with: Mapping[str, Any]
+    made_with: dict[str, Any]
     warnings: dict[int, str] = field(default_factory=dict)
     count: int = 0
     sha256: str = ""
@@ -201,7 +201,8 @@ class _Run:
 
     def __init__(self, plan: Plan, path: Path) -> None:
         self.plan, self.path = plan, path
-        self.manifest = replace(read_manifest(path), plan=plan)  # with the folder of rigs
+        self.manifest = read_manifest(path)
+        self.manifest.plan = plan  # with the folder of rigs
         self._made = self._failures = 0
         self._warned: dict[int, str] = {}
         self._makers: Mapping[str, Any] | None = None
@@ -241,29 +242,31 @@ class _Run:
         with opened_shard(file) as shard:
             there, failed = {*samples_of(shard)}, failed_of(shard)
         known = self.manifest.aside
-        failed = {n: known[n] for n in samples if n in known and n not in there} | failed
+        failed = {n: known[n] for n in known.keys() & {*samples} - there} | failed
         if there | {*failed} != {*samples}:
             fail(file, f"the samples {samples[0]} to {samples[-1]}", "others, or fewer")
-        self.manifest.aside = {n: aside for n, aside in known.items() if n not in samples} | failed
+        aside = {n: own for n, own in known.items() if n not in samples} | failed
+        self.manifest.set_aside = tuple(aside[n] for n in sorted(aside))
         self.manifest.shards.add(number)
         known_sha256 = self.manifest.sha256.get(file.name)
         self.manifest.sha256[file.name] = sha256 or known_sha256 or sha256_of(file)
 
     def _took(self, number: int, made: Made) -> None:
         """Take in a shard that was made now."""
-        manifest, before = self.manifest, (self.manifest.made_with, self.manifest.aside)
+        manifest, before = self.manifest, (self.manifest.made_with, self.manifest.set_aside)
         if self._makers != made.made_with:  # all workers are alike
-            for line in differences(dict(manifest.made_with or made.made_with), made.made_with):
+            for line in differences(manifest.made_with or made.made_with, made.made_with):
                 warn(f"{self.path}: has samples made with {line}; their bits depend on it")
         self._makers = made.made_with
         manifest.made_with = manifest.made_with or made.made_with
         self._take(number, made.sha256)
-        if (manifest.made_with, manifest.aside) != before:
+        if (manifest.made_with, manifest.set_aside) != before:
             write_manifest(self.path, manifest)
         self._made += made.count
         self._warned |= made.warnings
+        aside = manifest.aside
         for sample in self.plan.shard_samples(number):
-            reason = manifest.aside[sample].reason if sample in manifest.aside else ""
+            reason = aside[sample].reason if sample in aside else ""
             refused = reason.startswith(f"{DeviceError.__name__}: ")
             self._failures = self._failures + 1 if refused else 0
             if self._failures == STOP_AFTER:
@@ -280,7 +283,7 @@ class _Run:
                 f"{self.path}: {len(self._warned)} of {self._made} samples are probably not as "
                 f"intended, as sample {first}: {self._warned[first]}"
             )
-        aside = tuple(self.manifest.aside[sample] for sample in sorted(self.manifest.aside))
+        aside = self.manifest.set_aside
         for one in aside[:SHOWN_ASIDE]:
             warn(f"sample {one.sample} was set aside after {one.attempts} attempts: {one.reason}")
         if len(aside) > SHOWN_ASIDE:

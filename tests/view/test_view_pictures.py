@@ -186,7 +186,7 @@ def data_set(folder, *products, count=12, size=5):
     kept = {"max", "depth", *products}
     (folder / "shards").mkdir(parents=True)
     aside = {6: Aside(sample=6, reason="poisoned", attempts=2)} if count > 6 else {}
-    write_manifest(folder, Manifest(plan, {}, aside))
+    write_manifest(folder, Manifest(plan=plan, set_aside=(*aside.values(),)))
     for shard in range(plan.n_shards):
         with new_shard(folder / shard_name(shard), plan) as writer:
             for sample in plan.shard_samples(shard):

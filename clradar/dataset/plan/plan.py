@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
@@ -143,9 +143,9 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
     return plan_from(parsed, shown(path), path.absolute().parent)
 
 
-def plan_from(parsed: Mapping[str, Any], source: str, folder: Path) -> Plan:
-    """Return the plan of a mapping; `source` is named in messages, files are below `folder`."""
-    plan = record_of(dict(parsed), Plan, source, error=PlanError, context={"folder": folder})
+def plan_from(parsed: Any, source: str, folder: Path) -> Plan:
+    """Return the plan of a parsed table; `source` is named in messages, files in `folder`."""
+    plan = record_of(parsed, Plan, source, error=PlanError, context={"folder": folder})
     plan.__dict__["folder"] = folder.absolute()
     contradictions = [
         f"{shown(source)}: {key}: expected {expected}, got {got}"
