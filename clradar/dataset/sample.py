@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -249,13 +249,12 @@ def make_sample(
             capture, image.grid, method=image.method, window=image.window,
             tolerance_db=image.tolerance_db, check_grid=False, device=device,
         )  # fmt: skip
-        if "volume" in products:
-            arrays["volume"] = volume.data
-        if "max_projection" in products:
-            arrays["max_projection"] = volume.max_projection()
-        if "depth_map" in products:
-            depth = volume.depth_map(image.dynamic_range_db)
-            arrays["depth_map"] = depth.depth_m.astype(np.float32)
+        images: dict[str, Callable[[], np.ndarray]] = {
+            "volume": lambda: volume.data,
+            "max_projection": volume.max_projection,
+            "depth_map": lambda: volume.depth_map(image.dynamic_range_db).depth_m.astype("f4"),
+        }
+        arrays |= {name: make() for name, make in images.items() if name in products}
     return Sample(drawn.record, arrays)
 
 
