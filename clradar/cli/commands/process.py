@@ -121,12 +121,6 @@ def hands_of(
         except CompareError as error:
             console.warning(f"{HANDS}: {error}")
             return None
-    rows = [
-        [str(fit.frame), f"{fit.time_s:.3f}", fit.how, "; ".join(fit.notes)]
-        for fit in fits
-        if fit.how != FOLLOWED or fit.notes
-    ]
-    console.table(("frame", "time (s)", "how", "why"), rows, right=("frame", "time (s)"))
     followed = sum(fit.how == FOLLOWED for fit in fits)
     lost = sum(fit.state is None for fit in fits)
     words = f"{len(fits)} frames, {followed} followed, {len(fits) - followed - lost} searched"

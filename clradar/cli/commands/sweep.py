@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -15,7 +14,6 @@ import calibration
 import clradar as cl
 from clradar.cli import console, images as img, options as opt, outputs as out, parse
 from clradar.compare.images import depth_map_of
-from clradar.compare.metrics import METRIC_TABLE
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.errors import CompareError, warn
 from clradar.jobs import KEY, FolderStore, open_devices
@@ -169,13 +167,5 @@ def sweep_command(
             out.write(output / RESULT, record, force=True, grid=grid)
         job.clear([WORK])
     if not finished:
-        if isinstance(result, calibration.Sweep):
-            means = {one.field: result.of(one.field).mean(axis=0) for one in METRIC_TABLE}
-            rows = []
-            for i, alpha in enumerate(result.alphas):
-                at: Any = SimpleNamespace(**{name: values[i] for name, values in means.items()})
-                nearest = "nearest" if i == result.nearest else ""
-                rows.append([f"{alpha:g}", *(one.text(at) for one in METRIC_TABLE), nearest])
-            console.table(("alpha", *(one.name for one in METRIC_TABLE), ""), rows)
         console.text(result.report())
         console.line(f"{output}: {', '.join(RESULTS)}")
