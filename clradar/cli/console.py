@@ -15,6 +15,8 @@ from clradar.errors import quoted
 if TYPE_CHECKING:
     from clradar.model.progress import Progress
 
+LINE_CHARACTERS = 80  # of a terminal: heads of tables wrap beyond it
+
 
 def one_line(text: object) -> str:
     """The text on one line that any stream can print, however long."""
@@ -74,12 +76,16 @@ def counted(count: int, noun: str) -> str:
 def table(
     columns: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()
 ) -> None:
-    """Print a table; the columns named in `right` are aligned to the right, heads may wrap."""
+    """Print a table; the columns named in `right` are aligned to the right, long heads wrap."""
     cells = [list(map(one_line, row)) for row in rows]
-    widths, heads = [], []
-    for i, name in enumerate(columns):
-        widths.append(max(map(len, [*name.split(), *(row[i] for row in cells)]), default=0))
-        heads.append(textwrap.wrap(name, widths[i] or 1))
+
+    def widths_of(heads: Iterable[list[str]]) -> list[int]:
+        return [max(map(len, [*h, *(row[i] for row in cells)])) for i, h in enumerate(heads)]
+
+    widths = widths_of([name] for name in columns)
+    if sum(widths) + 2 * len(widths) > LINE_CHARACTERS:
+        widths = widths_of(name.split() or [""] for name in columns)
+    heads = [textwrap.wrap(name, width or 1) for name, width in zip(columns, widths, strict=True)]
     lines = [*zip_longest(*heads, fillvalue=""), ["-" * width for width in widths], *cells]
     for row in lines:
         shown = [

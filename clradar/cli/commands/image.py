@@ -272,14 +272,6 @@ def draw(
         out.write(files.report, page, "the image as a page, to be opened in a browser")
 
 
-STOPPED = {
-    "noise": "what is left looks like noise",
-    "change": "it changes no more",
-    "iterations": "no more were asked for",
-}
-"""How an image by iteration ended: `clradar.reconstruct` explains the reasons."""
-
-
 def image_command(
     captures: list[Path] = opt.argument(
         "Native capture, recorded .npy frame, or radar folder; or a volume, to be drawn. Several "
@@ -342,6 +334,6 @@ def image_command(
     if imaging.iterated:
         left_db, count = volume.meta["residual_db"], volume.meta["iterations"]
         left = "nothing" if left_db is None else f"{left_db:.1f} dB of the samples"
-        reason = STOPPED[volume.meta["stopped"]]
-        console.line(f"{imaging.method}: {count} iterations, {reason}; left: {left}")
+        reason = volume.meta["stopped"]  # as `clradar.reconstruct` has them
+        console.line(f"{imaging.method}: {count} iterations, ended by {reason}; left: {left}")
     draw(files, volume, volume.meta, captures, range_db, grid=text)

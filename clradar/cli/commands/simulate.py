@@ -279,7 +279,7 @@ TURN_DEG = 25.0
 """At 0 the palm is a mirror, which outshines the fingers by about 15 dB at alpha 0; from
 atan(7 / 30), 13 degrees, on it glints past the aperture's edge."""
 
-MEASUREMENT, PHYSICAL, SNR_DB = "measurement", "physical", 20.0
+MEASUREMENT, SNR_DB = "measurement", 20.0
 
 
 def demo_command(
@@ -314,7 +314,7 @@ def run_demo(
     """Write the files of the demonstration over those of an earlier one; `rays` over alpha."""
     from clradar.hand.mesh import DEFAULT_CENTER_M
 
-    mesh, physical = folder / "hand_f.ply", {"estimator": PHYSICAL}
+    mesh, physical = folder / "hand_f.ply", {"estimator": opt.PHYSICAL}
     out.write(
         mesh,
         out.turned(cl.hand.hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M),
@@ -327,7 +327,7 @@ def run_demo(
     simulated: dict[str, Any] = {
         MEASUREMENT: (skin, physical, 1),
         **{f"alpha_{a:g}": (scene.with_alpha(a), rays, 0) for a in (0.0, 0.5, 1.0)},
-        PHYSICAL: (skin, physical, 0),
+        opt.PHYSICAL: (skin, physical, 0),
     }
     volumes = []
     for name, (surface, settings, seed) in simulated.items():
