@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import zip_longest
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, TextIO, TypeVar
 
 from clradar.errors import quoted
 
 if TYPE_CHECKING:
     from clradar.model.progress import Progress
+
+Item = TypeVar("Item")
 
 LINE_CHARACTERS = 80  # of a terminal: heads of tables wrap beyond it
 
@@ -115,3 +117,12 @@ def bar(label: str) -> Iterator[Progress | None]:
         # As `clradar.model.progress.say_stage` calls it.
         shown.stage = lambda what: bars.update(task, description=f"{label}: {what}")  # type: ignore[attr-defined]
         yield shown
+
+
+def track(items: Collection[Item], label: str) -> Iterator[Item]:
+    """Go through items with a progress bar."""
+    with bar(label) as progress:
+        for done, item in enumerate(items, start=1):
+            yield item
+            if progress is not None:
+                progress(done, len(items))

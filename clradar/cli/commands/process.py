@@ -71,9 +71,8 @@ def prepared(
         mean = folder / EMPTY
         if not mean.is_file():
             room = Frames(steps.how.empty)
-            with console.bar("averaging"):
-                frames = map(room.capture, room.files)
-                out.save(mean, calibration.average_frames(frames), steps.origin)
+            frames = map(room.capture, console.track(room.files, "averaging"))
+            out.save(mean, calibration.average_frames(frames), steps.origin)
         steps = replace(steps, how=replace(steps.how, empty=mean))
     store = FolderStore(folder / MAPS)
     if GRID not in store:  # kept: another first frame may be readable when the run is resumed
@@ -158,19 +157,15 @@ def write_results(
         images = (steps.map_of(f"{number:06d}") for number in shown)
         pictures = FramePictures(images, steps.how.dynamic_range_db)
         (folder / PICTURES).mkdir(exist_ok=True)
-        files = []
-        with console.bar("drawing") as progress:
-            for i, one in enumerate(records):
-                number = one["frame"]
-                image = steps.map_of(f"{number:06d}") if number in shown else None
-                when = f", {columns['time s'][i]:.3f} s" if timed else ""
-                files.append(folder / PICTURES / f"{i:06d}.png")
-                picture = pictures.png(image, f"{labels[0]}, frame {number}{when}")
-                write_file(files[-1], picture, force=True)
-                if progress is not None:
-                    progress(i + 1, len(records))
-            step_s = float(np.median(np.diff(time))) if timed and len(time) > 1 else 0.0
-            write_gif(folder / MOVIE, files, step_s if step_s > 0 else DEFAULT_STEP_S)
+        files = [folder / PICTURES / f"{i:06d}.png" for i in range(len(records))]
+        for i, file in enumerate(console.track(files, "drawing")):
+            number = records[i]["frame"]
+            image = steps.map_of(f"{number:06d}") if number in shown else None
+            when = f", {columns['time s'][i]:.3f} s" if timed else ""
+            picture = pictures.png(image, f"{labels[0]}, frame {number}{when}")
+            write_file(file, picture, force=True)
+        step_s = float(np.median(np.diff(time))) if timed and len(time) > 1 else 0.0
+        write_gif(folder / MOVIE, files, step_s if step_s > 0 else DEFAULT_STEP_S)
     record = {"recording": str(steps.source), "frames": records}
     out.write(folder / RESULT, record, force=True)
 
