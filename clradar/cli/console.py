@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 import textwrap
@@ -38,15 +39,11 @@ def warning(text: object) -> None:
 @contextmanager
 def log(wanted: bool) -> Iterator[None]:
     """Print what the packages log while the block runs, as lines on stderr, if that is wanted."""
-    if not wanted:
-        yield
-        return
-    import logging
-
     log, handler = logging.getLogger("clradar"), logging.StreamHandler()
     handler.setFormatter(logging.Formatter("clradar: %(message)s"))
-    log.addHandler(handler)
-    log.setLevel(logging.INFO)
+    if wanted:
+        log.addHandler(handler)
+        log.setLevel(logging.INFO)
     try:
         yield
     finally:

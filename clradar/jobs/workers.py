@@ -200,15 +200,9 @@ def run_item(work: Work[Any], item: Any, terms: Terms | None) -> Outcome:
         return result, warned
     if (violated := breach(terms)) is not None:
         return OutputError(f"worker on {gethostname()}: {violated}"), []
-    before = os.getcwd()
-    moves = before != terms.here and os.path.isdir(terms.here)
-    try:
-        if moves:
-            os.chdir(terms.here)
-        return outcome_of(work, item, open_device(terms.device), silent)
-    finally:
-        if moves:
-            os.chdir(before)
+    if os.path.isdir(terms.here):
+        os.chdir(terms.here)
+    return outcome_of(work, item, open_device(terms.device), silent)
 
 
 @lru_cache(maxsize=1)

@@ -295,10 +295,8 @@ def image_command(
     if not to_write:
         raise opt.wrong_usage("-o", "expected a volume to write, or --png, or --report; got none")
     folder = to_write[0].with_name(f"{to_write[0].name}.parts")
-    content, range_db = img.open_image(captures[0], frames), depth.dynamic_range_db
-    several, volume = len(captures) > 1, isinstance(content, cl.Volume)
-    if several and volume:
-        raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {captures[0]}")
+    several, range_db = len(captures) > 1, depth.dynamic_range_db
+    content = (capture_of if several else img.open_image)(captures[0], frames)
     wrong = {"--method": imaging.iterated, "--dbsm": files.dbsm, "--absolute": imaging.absolute}
     for name in (name for name, is_wrong in wrong.items() if several and is_wrong):
         raise opt.wrong_usage(name, "expected with a single capture, not with several")
@@ -309,9 +307,9 @@ def image_command(
         )
     others = {"-o": files.output, **opt.given(processes), "--device": device}
     chosen = {name: value for name, value in others.items() if value is not None}
-    for name in {**opt.given(imaging), **chosen} if volume else {}:
-        raise opt.wrong_usage(name, "the input is a volume, which is an image already")
     if isinstance(content, cl.Volume):
+        for name in {**opt.given(imaging), **chosen}:
+            raise opt.wrong_usage(name, "the input is a volume, which is an image already")
         draw(files, content, content.meta, captures, range_db)
         return
     if imaging.absolute:
