@@ -200,9 +200,13 @@ def run_item(work: Work[Any], item: Any, terms: Terms | None) -> Outcome:
         return result, warned
     if (violated := breach(terms)) is not None:
         return OutputError(f"worker on {gethostname()}: {violated}"), []
-    if os.path.isdir(terms.here):
-        os.chdir(terms.here)
-    return outcome_of(work, item, open_device(terms.device), silent)
+    before = os.getcwd()
+    try:
+        with suppress(OSError):  # it is not on this machine
+            os.chdir(terms.here)
+        return outcome_of(work, item, open_device(terms.device), silent)
+    finally:
+        os.chdir(before)
 
 
 @lru_cache(maxsize=1)
