@@ -61,13 +61,15 @@ class Call:
 
 
 def _parts(file: Path) -> list[Path]:
-    """A file, and with a recorded frame its antennas."""
+    """A file, and those that belong to it: buffers of glTF, the antennas of a recorded frame."""
     if file.suffix == ".npy":
         from measurement_io.maroon.folders import antennas_file
 
         antennas = antennas_file(file)
         return [file, antennas] if antennas is not None and antennas.is_file() else [file]
-    return [file]
+    from clradar.files.meshes.gltf_document import files_of
+
+    return files_of(file)
 
 
 call = Call()

@@ -42,7 +42,9 @@ waited for; else one, so that no other is blamed where a worker dies."""
 
 CONNECT_S = 10.0
 
-FIRST_S, POLL_S = 10.0, 0.05  # longest wait for a first worker, and its interval of polling
+FIRST_S, RETURN_S, POLL_S = 10.0, 600.0, 0.05
+"""Longest wait for a first worker, and for one that died, which its nanny starts again however busy
+the machine is; and the interval of polling."""
 
 BLAS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
@@ -250,14 +252,7 @@ class Workers:
 
     def _facts(self, device: str | None) -> dict[str, Any]:
         """Versions and device of one worker, which has to be of this version."""
-        until_s, address = monotonic() + FIRST_S, self.client.scheduler_info(n_workers=0)["address"]
-        while not self._known():
-            if monotonic() > until_s:
-                raise ClusterError(
-                    f"{address}: expected workers with a device, got none; start some by: "
-                    f'dask worker {address} --nthreads 1 --memory-limit 0 --resources "{DEVICE}=1"'
-                )
-            sleep(POLL_S)
+        self._await_workers(FIRST_S)
         expected = f"expected workers with clradar {own_version()}, as on the client"
         try:
             asked = self.client.submit(worker_facts, device, pure=False, resources={DEVICE: 1})
@@ -266,6 +261,7 @@ class Workers:
         except Exception as error:
             got = reason_of(error)
         if got is not None:
+            address = self.client.scheduler_info(n_workers=0)["address"]
             raise ClusterError(f"{address}: {expected}, got {got}")
         return facts
 
@@ -290,6 +286,7 @@ class Workers:
             try:
                 yield number, future.result()
             except distributed.KilledWorker:
+                self._await_workers(RETURN_S)  # the next client may wait less
                 yield number, (ClradarError("its worker process died each time"), [])
             except (distributed.CancelledError, CommClosedError) as error:
                 raise ClusterError(
@@ -305,11 +302,7 @@ class Workers:
         run, finished = secrets.token_hex(4), distributed.as_completed([], loop=self.client.loop)
         pending: dict[distributed.Future, int] = {}
         ready: dict[int, distributed.Future] = {}
-        submitted = 0
-
-        def killed(number: int) -> bool:  # of which the others need not wait for their turn
-            return bool(ready[number].status == "error")
-
+        submitted, dead = 0, -1
         try:
             for turn in range(len(items)):
                 until = min(len(items), turn + max(1, ahead * len(self._known())))
@@ -321,9 +314,11 @@ class Workers:
                     pending[future] = number
                     finished.add(future)
                 submitted = max(submitted, until)
-                while not (due := [n for n in ready if not ordered or n == turn or killed(n)]):
+                while not (due := [n for n in ready if not ordered or n in (turn, dead)]):
                     future = next(finished)
-                    ready[pending.pop(future)] = future
+                    ready[number := pending.pop(future)] = future
+                    # Where a process died the others are not waited for.
+                    dead = number if future.status == "error" else dead
                 yield due[0], ready.pop(due[0])
         finally:
             # Workers of a scheduler finish the items that they have begun, and leave what they made
@@ -335,3 +330,14 @@ class Workers:
         """The workers with a device by their addresses."""
         known = self.client.scheduler_info(n_workers=-1)["workers"]
         return {at: worker for at, worker in known.items() if worker["resources"].get(DEVICE)}
+
+    def _await_workers(self, limit_s: float) -> None:
+        until_s = monotonic() + limit_s
+        while not self._known():
+            if monotonic() > until_s:
+                address = self.client.scheduler_info(n_workers=0)["address"]
+                raise ClusterError(
+                    f"{address}: expected workers with a device, got none; start some by: "
+                    f'dask worker {address} --nthreads 1 --memory-limit 0 --resources "{DEVICE}=1"'
+                )
+            sleep(POLL_S)

