@@ -7,7 +7,6 @@ import io
 import logging
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,18 +59,19 @@ def radar_of(path: Path, content: Content, options: opt.RadarOptions) -> dict[st
     return {"array": content.array, "waveform": content.waveform}
 
 
-@dataclass(frozen=True, slots=True)
 class ReadOnAccess(Sequence[Any]):
-    """What is read of items, one at a time."""
+    """What is read of items, one at a time; of frames, by their numbers, with their time stamps."""
 
-    items: Sequence[Any]
-    read: Callable[[Any], Any]
+    def __init__(
+        self, items: Sequence[Any], read: Callable[[Any], Any], times_us: Sequence[Any] = ()
+    ) -> None:
+        self.frame_numbers, self.read, self.time_us = items, read, times_us.__getitem__
 
     def __len__(self) -> int:
-        return len(self.items)
+        return len(self.frame_numbers)
 
     def __getitem__(self, index: Any) -> Any:
-        return self.read(self.items[index])
+        return self.read(self.frame_numbers[index])
 
 
 def rms_db(capture: cl.Capture) -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from secrets import token_hex
 from typing import Any
@@ -106,7 +106,7 @@ def hands_of(
     from calibration.hand_fit.frame_fit import FOLLOWED
 
     numbers = [int(one["frame"]) for one in records]
-    images = KeptImages(
+    images = img.ReadOnAccess(
         numbers, lambda number: steps.map_of(f"{number:06d}-hand"),
         [one["time_us"] for one in records],
     )  # fmt: skip
@@ -235,23 +235,9 @@ def curves(columns: Mapping[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]
     return {panel: drawn for panel, drawn in there.items() if drawn}
 
 
-@dataclass(frozen=True, slots=True)
-class KeptImages(img.ReadOnAccess):
-    """Depth maps of frames, and their time stamps, which depth maps do not have."""
-
-    times_us: Sequence[float | None]
-
-    @property
-    def frame_numbers(self) -> Sequence[int]:
-        return self.items
-
-    def time_us(self, index: int) -> float | None:
-        return self.times_us[index]
-
-
 def fit_frames(
     folder: Path,
-    images: KeptImages,
+    images: img.ReadOnAccess,
     settings: Mapping[str, Any],
     progress: Progress | None,
 ) -> list[calibration.FrameFit]:
@@ -282,7 +268,7 @@ def fit_frames(
 
 
 def draw_movement(
-    folder: Path, images: KeptImages, fits: Sequence[calibration.FrameFit], name: str
+    folder: Path, images: img.ReadOnAccess, fits: Sequence[calibration.FrameFit], name: str
 ) -> None:
     from calibration.hand_fit.movement_figure import movement_figure, movement_sheet, shown_frames
 
