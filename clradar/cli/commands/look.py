@@ -39,8 +39,8 @@ def inspect_command(
     dataset = is_dataset(file)
     if dataset and png is not None:
         raise MeasurementError(
-            f"{file}: expected a volume, a capture or a recording to draw, got a data set; its "
-            "own picture is contact-sheet.png"
+            f"{file}: expected a volume, a capture or a recording to draw, got a data set; "
+            f"clradar view {file} shows it"
         )
     if check:
         with console.bar("checking") as progress:
