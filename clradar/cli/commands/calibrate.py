@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -81,15 +80,8 @@ def read(
     recording = measurement_io.open_recording(path, variant=variant)
     if not len(recording):
         fail(path, f"frames of variant {variant}", "none")
-    with console.bar("averaging") as progress:
-
-        def captures() -> Iterator[cl.Capture]:
-            for number, capture in enumerate(recording, start=1):
-                yield opt.noted(path, capture)
-                if progress is not None:
-                    progress(number, len(recording))
-
-        found = calibration.average_frames(captures(), align_phase=align_phase)
+    captures = (opt.noted(path, capture) for capture in console.track(recording, "averaging"))
+    found = calibration.average_frames(captures, align_phase=align_phase)
     expected, count = found.meta.get("number_of_measurements"), len(recording)
     if isinstance(expected, int) and expected != count:
         console.warning(f"{path}: {count} of {expected} frames are there; averaged those")

@@ -148,8 +148,7 @@ def compare_command(
     images = [img.open_image(measured, frames), *map(img.open_image, simulated)]
     imaged = all(isinstance(image, cl.Volume) for image in images)
     opened = None if imaged else open_devices(device).first
-    grid = img.common_grid(voxels, *images, device=opened)
-    volumes = [img.form_image(image, grid, imaging, opened) for image in images]
+    volumes = img.imaged(images, voxels, imaging, opened)
     labels = img.figure_labels(simulated, [volume.meta for volume in volumes[1:]])
     if measured.is_dir() and frames.frame is None and any(path.is_dir() for path in simulated):
         console.line("the first frames are compared; `clradar process` compares every one")
@@ -159,7 +158,7 @@ def compare_command(
     label = f"Measurement: {recording}" if recording else "Measurement"
     figure = partial(compared.figure, differences=True, measured_label=label)
     out.write(output, figure, f"the measurement and {len(simulated)} simulated")
-    text = opt.grid_text(grid)
+    text = opt.grid_text(volumes[0].grid)
     record = {"measured": str(measured), "simulated": compared.records(simulated)}
     out.write(json, record, "the metrics, in metres", grid=text)
 
