@@ -12,14 +12,14 @@ from two_devices import findings_of
 
 from clradar.dataset import run
 from clradar.dataset.runs import ShardMaker, attempts_at
-from clradar.errors import ClradarError, DeviceError, ModelError, OutputError
+from clradar.errors import DeviceError, ModelError, OutputError
 from clradar.jobs import Where
+from clradar.jobs.outcome import silent
 from clradar.jobs.workers import own_cores, partition
 from clradar.opencl import DeviceInfo, devices_like, open_device
 
 CORES = own_cores()
 SAMPLES = LIGHT.samples
-
 
 pytestmark = [
     pytest.mark.usefixtures("quick_runs"),
@@ -107,18 +107,14 @@ def test_two_workers_make_the_same_bytes_though_one_is_killed(cluster, faults, t
     faults({1: "raise"})
     run(LIGHT, tmp_path / "serial", device="pocl")
     faults({1: "raise", 2: "raise once", 4: "device once", 6: "cut once"})
-    seen: list[tuple[int, int]] = []
-    result = run(
-        LIGHT,
-        tmp_path / "cluster",
-        where=workers(cluster),
-        progress=lambda *done: seen.append(done),
-    )
+    seen, folder = [], tmp_path / "cluster"
+    where = workers(cluster)
+    result = run(LIGHT, folder, where=where, progress=lambda *done: seen.append(done))
     # The killed worker may have put another shard in place without a word: it counts as there.
     assert result.made in (SAMPLES - 1, SAMPLES - 3, SAMPLES - 4)
     assert [aside.sample for aside in result.aside] == [1]
     assert seen == [(n + 1, 3) for n in range(3)]
-    assert digests(tmp_path / "cluster") == digests(tmp_path / "serial")
+    assert digests(folder) == digests(tmp_path / "serial")
 
 
 def test_the_error_of_an_unsuitable_worker_names_the_reason(tmp_path):
@@ -144,26 +140,11 @@ def test_a_sample_that_kills_its_worker_is_set_aside_and_no_other(light, cluster
     assert digests(tmp_path) == digests(light)
 
 
-@pytest.mark.parametrize("deaths", [[4], [None], [4, None], [None, None]])
-def test_a_shard_that_kills_is_made_again_without_the_sample_at_which_it_does(tmp_path, deaths):
-    class Killing(Where):
-        """Whose workers die at shard 1, twice at a sample or while they make none."""
-
-        def outcomes(self, work, items, folder, progress=None):
-            for number in items:
-                if number != 1 or not deaths:
-                    yield from super().outcomes(work, [number], folder, progress)
-                    continue
-                if (sample := deaths.pop(0)) is not None:
-                    attempts_at(folder, sample).write_bytes(b"..")
-                yield number, (ClradarError("its worker process died each time"), [])
-
-    if deaths == [None, None]:
-        with pytest.raises(ClradarError, match="samples 3 to 5: its worker process died"):
-            run(LIGHT, tmp_path, where=Killing("pocl"))
-        return
-    wanted = [4] if deaths[0] else []
-    assert [aside.sample for aside in run(LIGHT, tmp_path, where=Killing("pocl")).aside] == wanted
+def test_a_sample_at_which_two_workers_died_is_left_out(tmp_path):
+    for name in ("parts", "shards"):
+        (tmp_path / name).mkdir()
+    attempts_at(tmp_path, 4).write_bytes(b"..")
+    assert ShardMaker(tmp_path, LIGHT).run(1, open_device("pocl"), silent).count == 2
 
 
 def test_an_address_without_a_scheduler_is_one_error(cli, monkeypatch):
