@@ -154,12 +154,7 @@ def channels_command(
     target: TargetOptions,
     output: Path = opt.output_option("Channels to write (HDF5)."),
     estimate: EstimateOptions,
-    plot: Path | None = opt.written(
-        "Also draw gains, phases and delays: .png, .pdf or .svg.",
-        "--plot",
-        "--figure",
-        check=parse.figure,
-    ),
+    plot: Path | None = opt.figure("Also draw gains, phases and delays", "--plot"),
     frames: opt.FrameOptions,
 ) -> None:
     """The target's position is refined, too. Which errors are observable:
@@ -189,9 +184,7 @@ COARSE_GRID_MM = ((-100.0, 100.0, 4.0), (-100.0, 100.0, 4.0), (260.0, 340.0, 10.
 def diagnose_command(
     *,
     capture: Path = opt.CAPTURE,
-    output: Path | None = opt.output_option(
-        "Figure of all images: .png, .pdf or .svg.", None, "--figure", check=parse.figure
-    ),
+    output: Path | None = opt.figure("Figure of all images", "-o", "--output"),
     json: Path | None = opt.written("File for the result, in metres."),
     fix_to: Path | None = opt.written("The capture in clradar's convention (HDF5)."),
     expect_mm: tuple[float, ...] | None = opt.option(

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 import clradar as cl
-from clradar.cli import console, images as img, options as opt, outputs as out, parse
+from clradar.cli import console, images as img, options as opt, outputs as out
 from clradar.errors import MeasurementError
 from clradar.files.atomic import replacing
 from clradar.imaging.fast import GridPiece, grid_pieces
@@ -35,12 +35,8 @@ Part = tuple[int, int]  # numbers of a piece and of a capture
 @dataclass(frozen=True, kw_only=True)
 class ImageFiles(opt.PictureOptions):
     output: Path | None = opt.output_option("Volume to write (HDF5).")
-    png: Path | None = opt.written(
-        "Draw amplitude and depth: .png, .pdf or .svg.", "--png", "--figure", check=parse.figure
-    )
-    report: Path | None = opt.written(
-        "Page: figure, 3-D view, facts and settings in one .html file.", check=parse.page
-    )
+    png: Path | None = opt.figure("Draw amplitude and depth", "--png")
+    report: Path | None = opt.page("Page (.html): figure, 3-D view, facts and settings.")
     dbsm: bool = opt.option(
         "Draw radar cross sections in dBsm, of S-parameters.",
         False,

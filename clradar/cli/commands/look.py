@@ -11,7 +11,7 @@ import typer
 
 import clradar as cl
 import measurement_io
-from clradar.cli import console, images as img, options as opt, outputs as out, parse
+from clradar.cli import console, images as img, options as opt, outputs as out
 from clradar.errors import MeasurementError
 from clradar.jobs import open_devices
 
@@ -23,14 +23,11 @@ def inspect_command(
     *,
     check: bool = opt.option("Read and verify everything; exit status 1 if damaged.", False),
     as_json: bool = opt.JSON,
-    png: Path | None = opt.written(
-        "Also draw it: .png, .pdf or .svg. A capture's echoes and the level of every pair; of a "
-        "data set up to 64 samples.",
+    png: Path | None = opt.figure(
+        "Also draw it, of a capture echoes and the level of every pair, of a data set 64 samples",
         "--png",
         "-o",
-        "--figure",
         without="--check --json",
-        check=parse.figure,
     ),
     picture: opt.PictureOptions,
 ) -> None:
@@ -79,9 +76,8 @@ def view_command(
         without="--html",
     ),
     variant: opt.Variant = opt.option("Variant of a recording's frames.", "raw"),
-    html: Path | None = opt.written(
-        "Write scene and time line of all frames into this .html file, and serve nothing.",
-        check=parse.page,
+    html: Path | None = opt.page(
+        "Write scene and time line of all frames into this .html file, and serve nothing."
     ),
     port: int = opt.option(
         "Port at 127.0.0.1, or the next free one; 0: any free one.", 8080, min=0, max=65535
@@ -130,14 +126,9 @@ def compare_command(
     *,
     measured: Path = opt.argument("Volume or capture."),
     simulated: list[Path] = opt.argument("Volumes or captures."),
-    output: Path | None = opt.output_option(
-        "Figure to write: .png, .pdf or .svg.", None, "--figure", check=parse.figure
-    ),
+    output: Path | None = opt.figure("Figure", "-o", "--output"),
     json: Path | None = opt.written("File for the metrics, in metres."),
-    report: Path | None = opt.written(
-        "Page to write: figure, 3-D view, metrics and settings in one .html file.",
-        check=parse.page,
-    ),
+    report: Path | None = opt.page("Page (.html): figure, 3-D view, metrics and settings."),
     voxels: opt.GridOptions,
     imaging: opt.ImagingOptions,
     depth: opt.DepthMapOptions,

@@ -12,7 +12,7 @@ import clradar as cl
 import measurement_io
 from clradar.arrays import instruments
 from clradar.cli import parse
-from clradar.cli.groups import argument, arguments_of, call, option
+from clradar.cli.groups import argument, arguments_of, call, option, written
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.jobs import Where
 from clradar.model import checks
@@ -30,6 +30,14 @@ DEVICE: Any = option(
 )
 JSON: Any = option("Print JSON, in metres and hertz.", False, "--json", panel="Output")
 
+
+def figure(help: str, *names: str, **details: Any) -> Any:
+    """A field that is the option of a figure to write."""
+    help = f"{help}: .png, .pdf or .svg."
+    return written(help, *names, "--figure", check=parse.figure, **details)
+
+
+page = partial(written, check=parse.page)
 
 own_option = partial(option, needs="--fit-hand", without="--rig")
 """Of the embedded hand: a rig is one hand, whose mesh, size and side are what they are."""
