@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 from scipy.spatial.transform import Rotation
 
 from clradar.arrays.instruments import KNOWN
@@ -30,6 +30,7 @@ ALL, CLUSTER = "all", "cluster"  # of `pairs`: each Tx with each Rx, or with tho
 MOST_CLUSTERS = 1024
 MOST_ANTENNAS = 20_000  # of one rule: a whole wall of imaging clusters has some thousands
 
+Length = Annotated[Number, Field(gt=0, description="a length above 0, in metres")]
 Place = Annotated[Vector, Field(description="[x, y, z] in metres")]
 COUNT = f"a whole number from 1 to {MOST_ANTENNAS}"
 Count = Annotated[Whole, Field(ge=1, le=MOST_ANTENNAS, description=COUNT)]
@@ -44,6 +45,21 @@ class Line(FileRecord):
 
     def placed_m(self) -> np.ndarray:
         return np.linspace(self.first_m, self.last_m, self.n)
+
+
+class Cross(FileRecord):
+    """A line of `n` along x and one along y, both of length_m about center_m; one middle."""
+
+    length_m: Length
+    n: Count
+    center_m: Place = (0.0, 0.0, 0.0)
+
+    def placed_m(self) -> np.ndarray:
+        placed = np.zeros((2 * self.n, 3))
+        steps = np.linspace(-self.length_m / 2, self.length_m / 2, self.n)
+        placed[: self.n, 0] = placed[self.n :, 1] = steps
+        middle = [self.n + self.n // 2] if self.n % 2 else []
+        return np.delete(placed, middle, axis=0) + np.array(self.center_m)
 
 
 class Plane(FileRecord):
@@ -67,12 +83,28 @@ class Plane(FileRecord):
         return np.stack(np.meshgrid(x, y, 0.0), axis=-1).reshape(-1, 3) + np.array(self.center_m)
 
 
+class Ring(FileRecord):
+    """`n` antennas on a circle about center_m; the first at first_deg from x towards y."""
+
+    radius_m: Length
+    n: Count
+    first_deg: Number = 0.0
+    center_m: Place = (0.0, 0.0, 0.0)
+
+    def placed_m(self) -> np.ndarray:
+        angle = np.deg2rad(self.first_deg) + 2 * np.pi * np.arange(self.n) / self.n
+        circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(self.n)], axis=1)
+        return self.radius_m * circle + np.array(self.center_m)
+
+
 class Placed(FileRecord):
     """A table with one rule, and the positions (n, 3) that it gives."""
 
     points_m: Rows | None = None
     line: Line | None = None
+    cross: Cross | None = None
     plane: Plane | None = None
+    ring: Ring | None = None
     _at_m: np.ndarray = PrivateAttr()
 
     @model_validator(mode="after")
@@ -88,29 +120,49 @@ class Placed(FileRecord):
         return self
 
 
-class Antennas(Placed):
-    """Antennas of one rule, with a gain [re, im] and a boresight for all of them or for each."""
+def _one_is_enough(value: Any) -> Any:
+    """The list of one row, or of one number, that stands for all antennas."""
+    is_row = isinstance(value, list) and value and not isinstance(value[0], list)
+    return [value] if is_row or not isinstance(value, list) else value
 
-    gain: Rows | None = None
-    boresight: Rows | None = None
+
+ForEach = Annotated[Rows, BeforeValidator(_one_is_enough)]
+Levels = Annotated[Numbers, BeforeValidator(lambda v: v if isinstance(v, list) else [v])]
+
+
+class Antennas(Placed):
+    """Antennas of one rule, with a gain and a boresight for all of them or for each."""
+
+    gain: ForEach | None = None
+    gain_db: Levels = (0.0,)
+    phase_deg: Levels = (0.0,)
+    boresight: ForEach | None = None
     _side: AntennaSide = PrivateAttr()
 
     @model_validator(mode="after")
     def _is_for_each(self) -> Antennas:
         gain, boresight = self._for_each("gain", 2), self._for_each("boresight", 3)
         complex_gain = None if gain is None else gain @ [1.0, 1j]
+        if self.model_fields_set & {"gain_db", "phase_deg"}:
+            if gain is not None:
+                raise mistake("no gain_db and no phase_deg beside it", "both", key="gain")
+            phasor = np.exp(1j * np.deg2rad(self._for_each("phase_deg", 1)))
+            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
+                complex_gain = (10 ** (self._for_each("gain_db", 1) / 20) * phasor)[:, 0]
         self._side = AntennaSide(self._at_m, None, boresight, complex_gain)
         return self
 
     def _for_each(self, key: str, columns: int) -> Any:
-        """Return the one row or the n rows that are given for n antennas, shape (n, columns)."""
+        """Return what is given once or for each of n antennas, shape (n, columns), or None."""
         rows, shape = getattr(self, key), (len(self._at_m), columns)
         if rows is None:
             return None
-        if np.shape(rows) not in ((1, columns), shape):
-            expected = f"a row of {columns} numbers, or one for each of {shape[0]} antennas"
-            raise mistake(expected, " of ".join(map(str, np.shape(rows))), key=key)
-        return np.array(np.broadcast_to(np.array(rows), shape))
+        rows = np.array(rows) if columns > 1 else np.array(rows)[:, None]
+        if rows.shape not in ((1, columns), shape):
+            one = f"a row of {columns} numbers" if columns > 1 else "a number"
+            got = " of ".join(map(str, rows.shape[: 1 if columns == 1 else 2]))
+            raise mistake(f"{one}, or one for each of {shape[0]} antennas", got, key=key)
+        return np.array(np.broadcast_to(rows, shape))
 
 
 class Pose(Placed):

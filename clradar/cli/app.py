@@ -9,6 +9,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from io import TextIOWrapper
 from typing import Annotated, Any
 
 import typer
@@ -125,16 +126,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Always ends in `SystemExit`: 0 done, 1 an error (one line on stderr), 2 wrong usage, 130
     interrupted, 143 terminated.
     """
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: for what an encoding lacks
     given = list(sys.argv[1:] if arguments is None else arguments)
     end = given.index("--") if "--" in given else len(given)
     debug = "--debug" in given[:end]
     given = [a for a in given[:end] if a != "--debug"] + given[end:]
-    asked, shell = given, os.environ
-    if "_CLRADAR_COMPLETE" in shell:  # of what is typed there
-        typed = shell.get("_TYPER_COMPLETE_ARGS") or shell.get("COMP_WORDS", "")
-        asked = typed.split()[1:]
+    # What a shell completes is there; the program gets no arguments.
+    typed = os.environ.get("_TYPER_COMPLETE_ARGS") or os.environ.get("COMP_WORDS", "")
     # The first argument that is no option: those before it have no values.
-    requested = next((a for a in asked if not a.startswith("-")), None)
+    requested = next((a for a in given or typed.split()[1:] if not a.startswith("-")), None)
     with handled_warnings(console.warning), console.log(debug):
         try:
             command = typer.main.get_command(program(requested, debug))

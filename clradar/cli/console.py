@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TextIO
+from itertools import zip_longest
+from typing import TYPE_CHECKING, TextIO, TypeVar
 
 from clradar.errors import quoted
 
 if TYPE_CHECKING:
     from clradar.model.progress import Progress
 
-WRAPPED_CHARACTERS = 24  # least width in which text of the last column of a table is wrapped
+Item = TypeVar("Item")
+
+LINE_CHARACTERS = 80  # of a terminal: heads of tables wrap beyond it
 
 
 def one_line(text: object) -> str:
@@ -35,15 +39,11 @@ def warning(text: object) -> None:
 @contextmanager
 def log(wanted: bool) -> Iterator[None]:
     """Print what the packages log while the block runs, as lines on stderr, if that is wanted."""
-    if not wanted:
-        yield
-        return
-    import logging
-
     log, handler = logging.getLogger("clradar"), logging.StreamHandler()
     handler.setFormatter(logging.Formatter("clradar: %(message)s"))
-    log.addHandler(handler)
-    log.setLevel(logging.INFO)
+    if wanted:
+        log.addHandler(handler)
+        log.setLevel(logging.INFO)
     try:
         yield
     finally:
@@ -62,17 +62,9 @@ def text(text: str) -> None:
 
 def _print(text: str, stream: TextIO) -> None:
     try:
-        print(_encodable(text, stream), file=stream, flush=True)
+        print(text, file=stream, flush=True)
     except BrokenPipeError:  # as of `| head -1`: nobody reads on, and the files are not written yet
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
-def _encodable(text: str, stream: TextIO) -> str:
-    """The text with escapes for what a stream's encoding lacks, as in the C locale."""
-    encoding = getattr(stream, "encoding", None) or "utf-8"
-    if encoding.lower().replace("-", "") != "utf8":
-        text = text.replace("±", "+-").replace("…", "...").replace("°", " deg")
-    return text.encode(encoding, "backslashreplace").decode(encoding)
 
 
 def counted(count: int, noun: str) -> str:
@@ -83,37 +75,23 @@ def counted(count: int, noun: str) -> str:
 def table(
     columns: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()
 ) -> None:
-    """Print a table; the columns named in `right` are aligned to the right, others may wrap."""
-    from rich import box
-    from rich.console import Console, JustifyMethod
-    from rich.table import Table
-    from rich.text import Text
+    """Print a table; the columns named in `right` are aligned to the right, long heads wrap."""
+    cells = [list(map(one_line, row)) for row in rows]
 
-    # In a pipe nothing is cut or wrapped: a program that reads it needs whole lines.
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 10_000)
-    # Text: brackets are no markup.
-    cells = [[Text(_encodable(one_line(cell), sys.stdout)) for cell in row] for row in rows]
-    table = Table(
-        box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold",
-        padding=(0, 1, 0, 0),
-    )  # fmt: skip
-    gaps, last = 2 * (len(columns) - 1), len(columns) - 1 if columns[-1] not in right else None
-    filled = [max((row[i].cell_len for row in cells), default=0) for i in range(len(columns))]
-    if last is not None:
-        filled[last] = min(filled[last], WRAPPED_CHARACTERS)
-    heads = [[name] for name in columns]
-    if sum(map(max, filled, map(len, columns))) + gaps > console.width:
-        longest = [max([n, *map(len, c.split())]) for c, n in zip(columns, filled, strict=True)]
-        heads = [textwrap.wrap(c, n or 1) for c, n in zip(columns, longest, strict=True)]
-    for i, lines in enumerate(heads):
-        number = columns[i] in right
-        side: JustifyMethod = "right" if number else "left"
-        table.add_column(Text("\n".join(lines)), justify=side, no_wrap=number, overflow="fold")
-    for row in cells:
-        table.add_row(*row)
-    with console.capture() as captured:
-        console.print(table)
-    text(captured.get().removesuffix("\n"))
+    def widths_of(heads: Iterable[list[str]]) -> list[int]:
+        return [max(map(len, [*h, *(row[i] for row in cells)])) for i, h in enumerate(heads)]
+
+    widths = widths_of([name] for name in columns)
+    if sum(widths) + 2 * len(widths) > LINE_CHARACTERS:
+        widths = widths_of(name.split() or [""] for name in columns)
+    heads = [textwrap.wrap(name, width or 1) for name, width in zip(columns, widths, strict=True)]
+    lines = [*zip_longest(*heads, fillvalue=""), ["-" * width for width in widths], *cells]
+    for row in lines:
+        shown = [
+            cell.rjust(width) if name in right else cell.ljust(width)
+            for cell, width, name in zip(row, widths, columns, strict=True)
+        ]
+        text("  ".join(shown).rstrip())
 
 
 @contextmanager
@@ -136,3 +114,12 @@ def bar(label: str) -> Iterator[Progress | None]:
         # As `clradar.model.progress.say_stage` calls it.
         shown.stage = lambda what: bars.update(task, description=f"{label}: {what}")  # type: ignore[attr-defined]
         yield shown
+
+
+def track(items: Collection[Item], label: str) -> Iterator[Item]:
+    """Go through items with a progress bar."""
+    with bar(label) as progress:
+        for done, item in enumerate(items, start=1):
+            yield item
+            if progress is not None:
+                progress(done, len(items))

@@ -61,13 +61,15 @@ class Call:
 
 
 def _parts(file: Path) -> list[Path]:
-    """A file, and with a recorded frame its antennas."""
+    """A file, and those that belong to it: buffers of glTF, the antennas of a recorded frame."""
     if file.suffix == ".npy":
         from measurement_io.maroon.folders import antennas_file
 
         antennas = antennas_file(file)
         return [file, antennas] if antennas is not None and antennas.is_file() else [file]
-    return [file]
+    from clradar.files.meshes.gltf_document import files_of
+
+    return files_of(file)
 
 
 call = Call()
@@ -88,23 +90,14 @@ def wrong_usage(option: str, text: str) -> typer.BadParameter:
     return typer.BadParameter(text, param_hint=option)
 
 
-def option(
-    help: str,
-    default: Any = None,
-    *names: str,
-    kind: Callable[..., Any] = typer.Option,
-    needs: str = "",
-    without: str = "",
-    due: str = "",
-    parse: Read | None = None,
-    check: Read | None = None,
-    text: Any = str,
-    panel: str = "",
-    kept: bool | None = None,
-    writes: bool = False,
-    files: Callable[[Any], list[Path]] | None = None,
-    **details: Any,
-) -> Any:
+RULES: dict[str, Any] = {
+    "kind": typer.Option, "needs": "", "without": "", "due": "", "parse": None, "check": None,
+    "text": str, "panel": "", "writes": False, "files": None,
+}  # fmt: skip
+"""What is known of an option beside what typer knows, and the defaults."""
+
+
+def option(help: str, default: Any = None, *names: str, **details: Any) -> Any:
     """A field that is an option; without `names` ``edge_mm`` is ``--edge-mm``.
 
     Without a default it is required, unless its type has None. `parse` makes a value of its `text`,
@@ -113,16 +106,14 @@ def option(
     with blanks between them, or as ``--method=sparse|exact``. The help shows it under the heading
     `panel`. It `writes` a file that must not be there, or names
     `files` to read in a value that is no path, and is `kept` among the settings of results, as all
-    are but those of outputs. `details` are those of `typer.Option`.
+    are but those of outputs. The other `details` are those of `typer.Option`.
     """
-    known = {
-        "default": default, "names": names, "needs": needs, "without": without, "due": due,
-        "kind": kind, "parse": parse, "check": check, "text": text, "panel": panel,
-        "kept": panel != "Output" if kept is None else kept, "writes": writes, "files": files,
-    }  # fmt: skip
-    metadata = {**known, "details": {"help": help, **details}}
+    rules = {name: details.pop(name, value) for name, value in RULES.items()}
+    kept = details.pop("kept", rules["panel"] != "Output")
+    known = {**rules, "default": default, "names": names, "kept": kept}
+    parse = rules["parse"]
     value = parse("", default) if parse is not None and isinstance(default, str) else default
-    return field(metadata=metadata, default=value)
+    return field(metadata={**known, "details": {"help": help, **details}}, default=value)
 
 
 def argument(help: str, default: Any = None, **details: Any) -> Any:

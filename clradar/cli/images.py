@@ -7,7 +7,6 @@ import io
 import logging
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,18 +59,19 @@ def radar_of(path: Path, content: Content, options: opt.RadarOptions) -> dict[st
     return {"array": content.array, "waveform": content.waveform}
 
 
-@dataclass(frozen=True, slots=True)
 class ReadOnAccess(Sequence[Any]):
-    """What is read of items, one at a time."""
+    """What is read of items, one at a time; of frames, by their numbers, with their time stamps."""
 
-    items: Sequence[Any]
-    read: Callable[[Any], Any]
+    def __init__(
+        self, items: Sequence[Any], read: Callable[[Any], Any], times_us: Sequence[Any] = ()
+    ) -> None:
+        self.frame_numbers, self.read, self.time_us = items, read, times_us.__getitem__
 
     def __len__(self) -> int:
-        return len(self.items)
+        return len(self.frame_numbers)
 
     def __getitem__(self, index: Any) -> Any:
-        return self.read(self.items[index])
+        return self.read(self.frame_numbers[index])
 
 
 def rms_db(capture: cl.Capture) -> float | None:
@@ -114,18 +114,20 @@ def grid_for(
     return placed.grid
 
 
-def common_grid(
-    options: opt.GridOptions, *images: Content, device: cl.Device | None = None
-) -> cl.VoxelGrid:
-    """The grid of the options; without them that of the first volume, or for the first capture."""
-    volumes = [image for image in images if isinstance(image, cl.Volume)]
-    if volumes and not opt.given(options):
-        return volumes[0].grid
-    captures = [image for image in images if isinstance(image, cl.Capture)]
-    if not captures:
+def imaged(
+    contents: Sequence[Content], voxels: opt.GridOptions, imaging: opt.ImagingOptions, device: Any
+) -> list[cl.Volume]:
+    """Images on one grid: of the options, else of the first volume, else for the first capture."""
+    volumes = [one for one in contents if isinstance(one, cl.Volume)]
+    captures = [one for one in contents if isinstance(one, cl.Capture)]
+    if volumes and not opt.given(voxels):
+        grid = volumes[0].grid
+    elif captures:
+        grid = grid_for(captures[0], voxels, device)
+    else:
         text = "there is no capture to image: all inputs are volumes"
         raise opt.wrong_usage("--x-mm, --y-mm, --z-mm", text)
-    return grid_for(captures[0], options, device)
+    return [form_image(one, grid, imaging, device) for one in contents]
 
 
 class Measurement:
@@ -142,8 +144,7 @@ class Measurement:
     ) -> None:
         self.path, self.content = path, open_image(path, frames)
         self.radar = radar_of(path, self.content, radar)
-        grid = common_grid(voxels, self.content, device=device)
-        self.volume = form_image(self.content, grid, imaging, device)
+        (self.volume,) = imaged([self.content], voxels, imaging, device)
 
 
 def title_of(path: Path, meta: Mapping[str, Any]) -> str:

@@ -29,6 +29,7 @@ from clradar.files.hashing import holds_still
 from clradar.files.json_file import write_json
 from clradar.jobs import Job
 from clradar.versions import package_versions
+from measurement_io.maroon.folders import is_own_name
 
 Result = TypeVar("Result", cl.Capture, cl.Volume, cl.ChannelCalibration)
 
@@ -40,14 +41,13 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
     written = set()
     wanted = [output for output in outputs if output is not None]
     atomic.remove_left(wanted)
-    known: dict[Path, bool] = {}
     for output in wanted:
         with atomic.writing(output):
             place = os.path.realpath(output).casefold()  # case may not count on this disk
             if place in written:
                 raise OutputError(f"{output}: is named twice as an output; choose another name")
             written.add(place)
-            _check_place(output, known)
+            _check_place(output)
             atomic.refuse_existing(output, force=call.force)
 
 
@@ -62,7 +62,7 @@ def check_folder(
         if os.path.lexists(folder) and not folder.is_dir():
             raise OutputError(f"{folder}: expected a folder's name, got a file")
         atomic.remove_left([folder])
-        _check_place(folder, {})
+        _check_place(folder)
         for path in call.paths:
             place = Path(os.path.realpath(path))
             kept = (os.path.realpath(folder / name) for name in replaced or ())
@@ -84,8 +84,8 @@ def check_folder(
             )
 
 
-def _check_place(output: Path, known: dict[Path, bool]) -> None:
-    """Raise unless an output may be where it is; `known`: which folders are recordings, of many."""
+def _check_place(output: Path) -> None:
+    """Raise unless an output may be where it is."""
     there = [path for path in call.paths if path.exists() and output.exists()]
     if any(output.samefile(path) for path in there):  # by links, too
         raise OutputError(f"{output}: is also an input; choose another name")
@@ -96,28 +96,21 @@ def _check_place(output: Path, known: dict[Path, bool]) -> None:
     # A link is followed, and is a file where it lies.
     for place in (os.path.realpath(output), os.path.realpath(output.parent) + f"/{output.name}"):
         for folder in tuple(Path(place).parents)[:OWNED_DEPTH]:
-            owner = _owner_of(folder, Path(place).relative_to(folder).parts[0], known)
+            owner = _owner_of(folder, Path(place).relative_to(folder).parts[0])
             if owner is not None:
                 raise OutputError(
                     f"{output}: belongs to the {owner} '{folder}'; choose another name"
                 )
 
 
-def _owner_of(folder: Path, name: str, known: dict[Path, bool]) -> str | None:
+def _owner_of(folder: Path, name: str) -> str | None:
     """What a folder is, if what has this name in it is its own; None if anybody may write it."""
-    # The files first: these imports take half a second.
-    if (folder / "manifest.json").is_file():
+    if (folder / "manifest.json").is_file():  # first: the import takes half a second
         from clradar.dataset.folder import OWN_NAMES, is_dataset
 
         if name in OWN_NAMES and is_dataset(folder):
             return "data set"
-    if folder not in known:
-        known[folder] = any(folder.glob("radar_*"))
-    if name.startswith("radar_") or known[folder]:
-        from measurement_io.maroon.folders import is_own_name
-
-        return "recording" if is_own_name(folder, name) else None
-    return None
+    return "recording" if is_own_name(folder, name) else None
 
 
 @contextmanager
@@ -235,12 +228,6 @@ def turned(mesh: cl.hand.HandMesh, angle_deg: float, center_m: Sequence[float]) 
     matrix = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
     centre_m = np.asarray(center_m, dtype=np.float64)
     return mesh.moved(np.eye(3), -centre_m).moved(matrix, centre_m)
-
-
-def joints_record(joints: np.ndarray) -> dict[str, list[float] | None]:
-    """The JSON object of joints that a sweep reads; None, which it refuses, for an unknown one."""
-    known = (at.tolist() if np.isfinite(at).all() else None for at in joints)
-    return dict(zip(cl.hand.JOINT_NAMES, known, strict=True))
 
 
 def described(capture: cl.Capture, origin: Mapping[str, Any]) -> cl.Capture:

@@ -13,6 +13,7 @@ from clradar.cli.groups import Read, wrong_usage
 from clradar.constants import FINEST_SPACING_M, PLAUSIBLE_HZ, PLAUSIBLE_RANGE_M
 from clradar.errors import ModelError, OutputError
 from clradar.model.plausible import implausible
+from clradar.plot.saving import SUFFIXES
 
 # Of ranges.
 WHOLE_STEPS = 1e-6  # as far may one be from a whole number of steps: allows for rounded decimals
@@ -54,12 +55,7 @@ def ends_in(*suffixes: str) -> Callable[[str, Path], Path]:
 
 
 page = ends_in(".html", ".htm")
-
-
-def figure(option: str, path: Path) -> Path:
-    from clradar.plot.saving import SUFFIXES
-
-    return ends_in(*SUFFIXES)(option, path)
+figure = ends_in(*SUFFIXES)
 
 
 def numbers(text: str, separator: str = ",") -> list[float]:

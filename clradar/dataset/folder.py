@@ -2,11 +2,10 @@
 
     manifest.json            the plan, what made the samples, which failed, SHA-256 of shards
     shards/shard-00000.h5    samples
-    contact-sheet.png        when it is complete
 
 A shard that is there is done. Of what failed the shards tell, too: the manifest is written anew
-from them. There may be `parts`, single samples of shards that are not there: that were made alone,
-or that clradar 0.2 and older, of version 1, never closed.
+from them. There may be `parts`, single samples of shards that are not there, which clradar 0.2 and
+older, of version 1, never closed.
 """
 
 from __future__ import annotations
@@ -41,9 +40,8 @@ from measurement_io import CheckReport, Description, Fact
 
 FORMAT, VERSION = "dataset", 2
 MANIFEST, SHARDS, PARTS = "manifest.json", "shards", "parts"
-CONTACT_SHEET = "contact-sheet.png"
-SUMMARIES = (CONTACT_SHEET, "statistics.json", "statistics.csv")
-"""What sums up a complete data set; the last two of versions until 0.2."""
+SUMMARIES = ("contact-sheet.png", "statistics.json", "statistics.csv")
+"""What older versions wrote of a complete data set."""
 
 OWN_NAMES = (MANIFEST, SHARDS, PARTS, *SUMMARIES)
 """Names in the folder of a data set that are its own; others are left alone."""
@@ -85,14 +83,6 @@ class Manifest:
     def place_of(self, sample: int) -> str:
         """The shard with a sample, or which would have it, relative to the folder."""
         return shard_name(sample // self.plan.output.shard_size)
-
-    def take(self, number: int, failed: Mapping[int, Aside], sha256: str) -> None:
-        """Take in a shard, of whose samples these failed."""
-        samples = self.plan.shard_samples(number)
-        others = {n: aside for n, aside in self.aside.items() if n not in samples}
-        self.aside = {**others, **failed}
-        self.shards.add(number)
-        self.sha256[Path(shard_name(number)).name] = sha256
 
     def record(self) -> dict[str, Any]:
         """Return it as JSON."""

@@ -116,33 +116,18 @@ def run(
         again = {sample // plan.output.shard_size for sample in dataset.manifest.aside if retry}
         if shards := sorted({*dataset.manifest.missing, *again}):
             job.clear(SUMMARIES)
+            (path / PARTS).mkdir(exist_ok=True)
             dataset.make(shards, where, progress)
         write_manifest(path, dataset.manifest)
         job.clear([PARTS])
-        from clradar.dataset.contact_sheet import write_contact_sheet
-
-        write_contact_sheet(path, dataset.manifest)
     return dataset.result()
-
-
-@dataclass(frozen=True, slots=True)
-class Work:
-    """Samples of a shard, or a part: one that is made alone, to find whether it kills its process.
-
-    The shard then takes in what the parts have.
-    """
-
-    name: str
-    samples: range
-    deadly: tuple[Aside, ...] = ()
 
 
 @dataclass(slots=True)
 class Made:
-    """How many samples of a shard were made, with their warnings, and which failed."""
+    """How many samples of a shard were made, with their warnings."""
 
     made_with: Mapping[str, Any]
-    failed: dict[int, Aside]
     warnings: dict[int, str] = field(default_factory=dict)
     count: int = 0
     sha256: str = ""
@@ -155,24 +140,27 @@ class ShardMaker:
     folder: Path
     plan: Plan
 
-    def run(self, work: Work, opened: Device, progress: Progress) -> Made:
-        """Make a shard; what an earlier one has of it is kept."""
-        made = Made(made_with(opened), {aside.sample: aside for aside in work.deadly})
-        target = self.folder / work.name
+    def run(self, number: int, opened: Device, progress: Progress) -> Made:
+        """Make a shard; what an earlier one has of it is kept, and parts of version 1."""
+        made, samples = Made(made_with(opened)), self.plan.shard_samples(number)
+        target = self.folder / shard_name(number)
         with new_shard(target, self.plan) as shard:
-            for done, sample in enumerate(work.samples, start=1):
-                if kept := self._stored(target, sample):
-                    shard.add(*kept)
-                elif sample not in made.failed and (found := self._attempt(sample, opened, made)):
-                    shard.add(found, made.made_with)
-                if sample in made.failed:
-                    shard.fail(made.failed[sample])
-                progress(done, len(work.samples))
+            for done, sample in enumerate(samples, start=1):
+                attempts = attempts_at(self.folder, sample)
+                try:
+                    if kept := self._stored(target, sample):
+                        shard.add(*kept)
+                    elif isinstance(found := self._attempt(sample, opened, made, attempts), Aside):
+                        shard.fail(found)
+                    else:
+                        shard.add(found, made.made_with)
+                finally:
+                    attempts.unlink(missing_ok=True)
+                progress(done, len(samples))
         made.sha256 = sha256_of(target)
         return made
 
     def _stored(self, target: Path, sample: int) -> tuple[Sample, Mapping[str, Any]] | None:
-        """What the shard that is to be replaced has, or a part, as those of version 1."""
         for path in (target, self.folder / part_name(sample)):
             try:
                 return read_stored(path, sample, self.plan)
@@ -180,10 +168,12 @@ class ShardMaker:
                 continue
         return None
 
-    def _attempt(self, sample: int, opened: Device, made: Made) -> Sample | None:
-        """Make a sample, or note why there is none."""
-        reason = ""
-        for _ in range(ATTEMPTS):
+    def _attempt(self, sample: int, opened: Device, made: Made, attempts: Path) -> Sample | Aside:
+        """Make a sample, or say why there is none; a killed process counts as an attempt, too."""
+        reason = "its worker process died each time"
+        while not attempts.exists() or attempts.stat().st_size < ATTEMPTS:
+            with attempts.open("ab") as file:
+                file.write(b".")
             texts: list[str] = []
             try:
                 with handled_warnings(texts.append):  # for the process that shows them
@@ -198,18 +188,12 @@ class ShardMaker:
                 made.warnings[sample] = "; ".join(texts)
             made.count += 1
             return found
-        made.failed[sample] = Aside(sample=sample, reason=reason, attempts=ATTEMPTS)
-        return None
+        return Aside(sample=sample, reason=reason, attempts=ATTEMPTS)
 
 
-def _failed_of(file: Path, samples: range, known: Mapping[int, Aside]) -> dict[int, Aside]:
-    """The samples that a shard lacks, with why: as it says, or as is known of shards of 0.2."""
-    with opened_shard(file) as shard:
-        there, failed = {*samples_of(shard)}, failed_of(shard)
-    found = {n: known[n] for n in samples if n in known and n not in there} | failed
-    if there | {*found} != {*samples}:
-        fail(file, f"the samples {samples[0]} to {samples[-1]}", "others, or fewer")
-    return found
+def attempts_at(folder: Path, sample: int) -> Path:
+    """Return the file with a byte for each attempt at a sample; a temporary one of the run."""
+    return folder / PARTS / f".{sample}.tmp"
 
 
 class _Run:
@@ -222,59 +206,60 @@ class _Run:
         self._warned: dict[int, str] = {}
         self._makers: Mapping[str, Any] | None = None
         for number in sorted(self.manifest.shards):
-            file = path / shard_name(number)
             try:
-                failed = _failed_of(file, plan.shard_samples(number), self.manifest.aside)
-                sha256 = self.manifest.sha256.get(file.name) or sha256_of(file)
-                self.manifest.take(number, failed, sha256)
+                self._take(number)
             except MeasurementError as error:
                 warn(f"{error}; its samples are made again")
-                file.unlink()
+                (path / shard_name(number)).unlink()
                 self.manifest.shards.remove(number)
 
     def make(self, shards: Sequence[int], where: Where, progress: Progress | None) -> None:
-        """Make shards. Of one that killed its workers each sample is tried alone to find which."""
-        works = [Work(shard_name(n), self.plan.shard_samples(n)) for n in shards]
-        for work, reason in [*self._given_up(works, where, progress)]:
-            (self.path / PARTS).mkdir(exist_ok=True)
-            alone = [Work(part_name(n), range(n, n + 1)) for n in work.samples]
-            deadly = tuple(
-                Aside(sample=one.samples[0], reason=why, attempts=ATTEMPTS)
-                for one, why in self._given_up(alone, where, None)
-            )
-            for _, again in self._given_up([replace(work, deadly=deadly)], where, None):
-                samples = f"{work.samples[0]} to {work.samples[-1]}"
-                raise ClradarError(f"samples {samples}: {again}; at first {reason}")
-
-    def _given_up(
-        self, works: Sequence[Work], where: Where, progress: Progress | None
-    ) -> Iterator[tuple[Work, str]]:
-        """Do the work; yield what no worker could do, and why."""
+        """Make shards; one that killed its workers again, without the sample that did it twice."""
         maker = ShardMaker(Path(os.path.abspath(self.path)), self.plan)  # links are not followed
-        for work, (result, _) in where.outcomes(maker.run, works, self.path, progress):
-            if type(result) is ClradarError:
-                yield work, str(result)
-            elif isinstance(result, ClradarError):
-                raise result
-            else:
-                self._take(work, result)
+        while shards:
+            killed = []
+            for number, (result, _) in where.outcomes(maker.run, shards, self.path, progress):
+                samples = self.plan.shard_samples(number)
+                if isinstance(result, Made):
+                    self._took(number, result)
+                elif type(result) is not ClradarError:
+                    raise result
+                elif any(attempts_at(self.path, sample).exists() for sample in samples):
+                    killed.append(number)
+                else:
+                    raise ClradarError(f"samples {samples[0]} to {samples[-1]}: {result}")
+            shards, progress = killed, None
 
-    def _take(self, work: Work, result: Made) -> None:
+    def _take(self, number: int, sha256: str = "") -> None:
+        """Take in a shard that is there: what it has, and what failed, as it or, of 0.2, the
+        manifest says."""
+        file, samples = self.path / shard_name(number), self.plan.shard_samples(number)
+        with opened_shard(file) as shard:
+            there, failed = {*samples_of(shard)}, failed_of(shard)
+        known = self.manifest.aside
+        failed = {n: known[n] for n in samples if n in known and n not in there} | failed
+        if there | {*failed} != {*samples}:
+            fail(file, f"the samples {samples[0]} to {samples[-1]}", "others, or fewer")
+        self.manifest.aside = {n: aside for n, aside in known.items() if n not in samples} | failed
+        self.manifest.shards.add(number)
+        known_sha256 = self.manifest.sha256.get(file.name)
+        self.manifest.sha256[file.name] = sha256 or known_sha256 or sha256_of(file)
+
+    def _took(self, number: int, made: Made) -> None:
+        """Take in a shard that was made now."""
         manifest, before = self.manifest, (self.manifest.made_with, self.manifest.aside)
-        if self._makers != result.made_with:  # all workers are alike
-            for line in differences(dict(manifest.made_with or result.made_with), result.made_with):
+        if self._makers != made.made_with:  # all workers are alike
+            for line in differences(dict(manifest.made_with or made.made_with), made.made_with):
                 warn(f"{self.path}: has samples made with {line}; their bits depend on it")
-        self._makers = result.made_with
-        manifest.made_with = manifest.made_with or result.made_with
-        if work.name.startswith(SHARDS):
-            shard = work.samples[0] // self.plan.output.shard_size
-            manifest.take(shard, result.failed, result.sha256)
+        self._makers = made.made_with
+        manifest.made_with = manifest.made_with or made.made_with
+        self._take(number, made.sha256)
         if (manifest.made_with, manifest.aside) != before:
             write_manifest(self.path, manifest)
-        self._made += result.count
-        self._warned |= result.warnings
-        for sample in work.samples:
-            reason = result.failed[sample].reason if sample in result.failed else ""
+        self._made += made.count
+        self._warned |= made.warnings
+        for sample in self.plan.shard_samples(number):
+            reason = manifest.aside[sample].reason if sample in manifest.aside else ""
             refused = reason.startswith(f"{DeviceError.__name__}: ")
             self._failures = self._failures + 1 if refused else 0
             if self._failures == STOP_AFTER:
@@ -343,11 +328,9 @@ def replay(
 
 
 def _different(stored: Sample, made: Sample) -> Iterator[str]:
-    for name in dict.fromkeys([*stored.arrays, *made.arrays]):
-        one, other = stored.arrays.get(name), made.arrays.get(name)
-        if one is None or other is None:
-            yield f"{name}: {'not stored' if one is None else 'not made'}"
-        elif (one.shape, one.dtype) != (other.shape, other.dtype):
+    for name, one in stored.arrays.items():
+        other = made.arrays[name]
+        if (one.shape, one.dtype) != (other.shape, other.dtype):
             yield f"{name}: {one.dtype} {one.shape}, now {other.dtype} {other.shape}"
         elif one.tobytes() != other.tobytes():
             changed = int(np.count_nonzero((one != other) & ~(np.isnan(one) & np.isnan(other))))

@@ -7,16 +7,14 @@ The same samples give the same bytes: no time is stored, and the order of writin
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass
-from functools import partial
+from dataclasses import astuple
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from clradar.dataset.plan.hands import PlanMaterials
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.sample import RECIPE_VERSION, Sample, SamplePlan, read_recipe, recipe
 from clradar.files.atomic import replacing, require_space
@@ -49,104 +47,84 @@ class Aside(OpenRecord):
     attempts: Whole
 
 
-@dataclass(frozen=True, slots=True)
-class Field:
+class Field(NamedTuple):
     """An array or a label of every sample; `axes` are without the first, which is the sample."""
 
     axes: tuple[str, ...]
     units: str | None
     long_name: str
     dtype: str = ""  # of a label; "text" is UTF-8
-    value: Callable[[SamplePlan], Any] | None = None  # of a label that is no JSON
-    of: str | None = None  # a table of the plan without which there is no such label
 
 
 MESH = "mesh_"  # arrays whose names begin so differ in length: they have a group for each sample
-_YX, _XYZ = ("y_m", "x_m"), ("coordinate",)
-_PAIRS = ("tx", "rx", "frequency_hz")
+_YX, _XYZ, _PART = ("y_m", "x_m"), ("coordinate",), ("part",)
 ARRAYS: Mapping[str, Field] = {
-    name: Field(*rest)
-    for name, *rest in (
-        ("capture", _PAIRS, None, "complex response"),
-        ("volume", ("z_m", *_YX), None, "complex image"),
-        ("max_projection", _YX, None, "maximum of the amplitude over z"),
-        ("depth_map", _YX, "m", "depth of the maximum; NaN: nothing"),
-        ("joints", ("joint", *_XYZ), "m", "joint centres, antenna frame"),
-        ("mesh_vertices", _XYZ, "m", "vertices, antenna frame"),
-        ("mesh_faces", ("corner",), None, "vertices of faces"),
-        ("mesh_part", (), None, "index of each face's part"),
-    )
+    "capture": Field(("tx", "rx", "frequency_hz"), None, "complex response"),
+    "volume": Field(("z_m", *_YX), None, "complex image"),
+    "max_projection": Field(_YX, None, "maximum of the amplitude over z"),
+    "depth_map": Field(_YX, "m", "depth of the maximum; NaN: nothing"),
+    "joints": Field(("joint", *_XYZ), "m", "joint centres, antenna frame"),
+    "mesh_vertices": Field(_XYZ, "m", "vertices, antenna frame"),
+    "mesh_faces": Field(("corner",), None, "vertices of faces"),
+    "mesh_part": Field((), None, "index of each face's part"),
 }
 """Arrays of samples by their names in `Sample.arrays`."""
 
-
-def _angles_rad(sample: SamplePlan) -> list[Any]:
-    return [astuple(sample.pose.angles(name)) for name in JOINT_NAMES]
-
-
-def _shape(sample: SamplePlan) -> list[float]:
-    if not sample.plan.hands.shapes:
-        return [float("nan")] * len(SHAPE_PARAMETERS)
-    shape = sample.plan.hands.shapes[0].shape
-    return [shape.length_m, shape.breadth_m, *shape.finger_lengths, shape.girth]
-
-
-def _of_parts(name: str, sample: SamplePlan) -> list[float | None]:
-    """A length of the material of each part, or of its coating; None becomes NaN."""
-    materials = (sample.plan.material or PlanMaterials()).of_parts.values()
-    return [getattr(own, name, getattr(own.coating, name, None)) for own in materials]
-
-
-_LABELS: Sequence[Any] = (
-    ("sample", (), None, "number of the sample in the plan", "int64", lambda s: s.sample),
-    ("pose", (), None, "name of the pose", "text", lambda s: s.pose.name),
-    ("handedness", (), None, "right or left", "text", lambda s: s.plan.hands.handedness),
-    ("angles_rad", ("joint", "angle"), "rad", "joint angles", "float64", _angles_rad),
-    ("shape", ("shape_parameter",), None, "shape of the hand; NaN: of a rig", "float64", _shape),
-    (
-        "rig", (), None, "file of the rig, if any", "text",
-        lambda s: "".join(Path(rig.file).name for rig in s.plan.hands.rigs),
-    ),
-    (
-        "center_m", _XYZ, "m", "centre of the hand's bounding box before its turn", "float64",
-        lambda s: s.plan.placement.metres,
-    ),
-    (
-        "rotation_rad", _XYZ, "rad", "turns about x, then y, then z", "float64",
-        lambda s: s.plan.placement.radians,
-    ),
-    (
-        "alpha", ("part",), None, "0 specular to 1 diffuse", "float64",
-        lambda s: [*s.plan.alpha.of_parts.values()], "alpha",
-    ),
-    (
-        "roughness_rms_m", ("part",), "m", "RMS height of the roughness", "float64",
-        partial(_of_parts, "roughness_rms_m"), "material",
-    ),
-    (
-        "correlation_length_m", ("part",), "m", "of the roughness; NaN: smooth", "float64",
-        partial(_of_parts, "correlation_length_m"), "material",
-    ),
-    (
-        "coating_thickness_m", ("part",), "m", "of the coating; NaN: none", "float64",
-        partial(_of_parts, "thickness_m"), "material",
-    ),
-    ("sequence", (), None, "number of the sequence", "int64", lambda s: s.number, "movement"),
-    ("frame", (), None, "number of the frame in it", "int32", lambda s: s.frame, "movement"),
-    ("time_s", (), "s", "when the frame begins in it", "float64", lambda s: s.start_s, "movement"),
-    (
-        "recipe", (), None, "all that the sample is made of, JSON", "text",
-        lambda s: to_json("recipe", s.record),
-    ),
-    ("made_with", (), None, "versions and device, JSON", "text"),
-)  # fmt: skip
-LABELS = {name: Field(*rest) for name, *rest in _LABELS}
+LABELS: Mapping[str, Field] = {
+    "sample": Field((), None, "number of the sample in the plan", "int64"),
+    "pose": Field((), None, "name of the pose", "text"),
+    "handedness": Field((), None, "right or left", "text"),
+    "angles_rad": Field(("joint", "angle"), "rad", "joint angles", "float64"),
+    "shape": Field(("shape_parameter",), None, "shape of the hand; NaN: of a rig", "float64"),
+    "rig": Field((), None, "file of the rig, if any", "text"),
+    "center_m": Field(_XYZ, "m", "centre of the hand's bounding box before its turn", "float64"),
+    "rotation_rad": Field(_XYZ, "rad", "turns about x, then y, then z", "float64"),
+    "alpha": Field(_PART, None, "0 specular to 1 diffuse", "float64"),
+    "roughness_rms_m": Field(_PART, "m", "RMS height of the roughness", "float64"),
+    "correlation_length_m": Field(_PART, "m", "of the roughness; NaN: smooth", "float64"),
+    "coating_thickness_m": Field(_PART, "m", "of the coating; NaN: none", "float64"),
+    "sequence": Field((), None, "number of the sequence", "int64"),
+    "frame": Field((), None, "number of the frame in it", "int32"),
+    "time_s": Field((), "s", "when the frame begins in it", "float64"),
+    "recipe": Field((), None, "all that the sample is made of, JSON", "text"),
+    "made_with": Field((), None, "versions and device, JSON", "text"),
+}
 NAMES = ("pose", "handedness", "rig")  # labels that are coordinates of the samples
+
+
+def _labels(own: SamplePlan, made_with: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of those of `LABELS` that a sample has; None is NaN."""
+    plan, pose, shape = own.plan, own.pose, [None] * len(SHAPE_PARAMETERS)
+    for hand in (table.shape for table in plan.hands.shapes):
+        shape = [hand.length_m, hand.breadth_m, *hand.finger_lengths, hand.girth]
+    found: dict[str, Any] = {
+        "sample": own.sample,
+        "pose": pose.name,
+        "handedness": plan.hands.handedness,
+        "angles_rad": [astuple(pose.angles(name)) for name in JOINT_NAMES],
+        "shape": shape,
+        "rig": "".join(Path(rig.file).name for rig in plan.hands.rigs),
+        "center_m": plan.placement.metres,
+        "rotation_rad": plan.placement.radians,
+    }
+    if plan.alpha is not None:
+        found["alpha"] = [*plan.alpha.of_parts.values()]
+    if plan.material is not None:
+        parts = [*plan.material.of_parts.values()]
+        found["roughness_rms_m"] = [part.roughness_rms_m for part in parts]
+        found["correlation_length_m"] = [part.correlation_length_m for part in parts]
+        found["coating_thickness_m"] = [getattr(p.coating, "thickness_m", None) for p in parts]
+    if plan.movement is not None:
+        found |= {"sequence": own.number, "frame": own.frame, "time_s": own.start_s}
+    return found | {
+        "recipe": to_json("recipe", own.record),
+        "made_with": to_json("made_with", made_with),
+    }
 
 
 def labels_of(plan: Plan) -> dict[str, Field]:
     """Return those of `LABELS` that the samples of a plan have."""
-    return {n: own for n, own in LABELS.items() if own.of is None or getattr(plan, own.of)}
+    return {name: LABELS[name] for name in _labels(SamplePlan(plan, 0), {})}
 
 
 def arrays_of(products: Sequence[str]) -> dict[str, Field]:
@@ -202,7 +180,7 @@ class ShardWriter:
 
     def __init__(self, file: Any, path: Path, plan: Plan) -> None:
         self._file, self._path, self._plan = file, path, plan
-        self._labels: dict[str, list[Any]] = {name: [] for name in labels_of(plan)}
+        self._labels: list[dict[str, Any]] = []
         self._failed: list[str] = []
 
     def fail(self, aside: Aside) -> None:
@@ -216,10 +194,8 @@ class ShardWriter:
         free = self._path.with_name(f"{self._path.stem}-space.tmp")
         require_space(free, size_bytes + SPARE_BYTES)
         drawn = read_recipe(sample.recipe)
-        row = len(self._labels["sample"])
-        for name, values in self._labels.items():
-            value = LABELS[name].value
-            values.append(to_json(name, made_with) if value is None else value(drawn))
+        row = len(self._labels)
+        self._labels.append(_labels(drawn, made_with))
         for name, field in ((n, own) for n, own in ARRAYS.items() if n in sample.arrays):
             array = sample.arrays[name]
             if name.startswith(MESH):
@@ -240,11 +216,11 @@ class ShardWriter:
         self._file.attrs.update(attributes, Conventions="CF-1.11")
         if self._failed:
             self._write(FAILED[VERSION], Field((), None, "what failed, and why"), self._failed)
-        if not self._labels["sample"]:
+        if not self._labels:
             return
         axes = {}
-        for name, given in self._labels.items():
-            label = LABELS[name]
+        for name in self._labels[0]:
+            label, given = LABELS[name], [labels[name] for labels in self._labels]
             values = given if label.dtype == "text" else np.array(given, dtype=label.dtype)
             self._write(name, label, values)
             axes[name] = ("sample", *label.axes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,14 @@ def sha256_of_blocks(blocks: Iterable[bytes]) -> str:
     return state.hexdigest()
 
 
-def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of the content of a file."""
+def sha256_of(*paths: Path) -> str:
+    """Return the SHA-256 of the content of files, one behind the other."""
+    return sha256_of_blocks(block for path in paths for block in _blocks(path))
+
+
+def _blocks(path: Path) -> Iterator[bytes]:
     with open(path, "rb") as file:
-        return sha256_of_blocks(iter(lambda: file.read(2**20), b""))
+        yield from iter(lambda: file.read(2**20), b"")
 
 
 def content_record(path: Path) -> dict[str, Any]:

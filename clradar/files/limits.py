@@ -62,6 +62,7 @@ MAX_PNG_BYTES = 2 * MAX_IMAGE_PIXELS + 2**20  # the pixels as they are, and a li
 MAX_MESH_BYTES = 2**29
 """Of a file of a mesh or rig, and of what it inflates to. A hand of a million vertices needs a
 tenth of it; scans carry large textures, too."""
+MAX_MESH_BUFFERS_BYTES = 2**28  # of all files beside a `.gltf`
 MAX_MESH_FACES = 2**23  # triangles of a mesh, with all instances
 MAX_MESH_VERTICES = 2**24
 MAX_MESH_PARTS = 2**16  # objects, groups, primitives, with all instances

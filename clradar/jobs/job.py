@@ -36,11 +36,6 @@ class Job:
     A folder begins with its `key`, and goes on only with an equal one. An item is done when its
     files are there, which the steps write whole or not at all, one last. So a run that is killed at
     any moment and begun again ends with the bytes of an undisturbed one.
-
-        job = Job(folder=folder, work="image", key={"grid": ...}, own=(KEY, "parts"))
-        with job.held():
-            for item, _ in job.each(work, items, where, done=lambda i: path_of(i).is_file()):
-                ...
     """
 
     folder: Path

@@ -203,14 +203,12 @@ def run_item(work: Work[Any], item: Any, terms: Terms | None) -> Outcome:
     if (violated := breach(terms)) is not None:
         return OutputError(f"worker on {gethostname()}: {violated}"), []
     before = os.getcwd()
-    moves = before != terms.here and os.path.isdir(terms.here)
     try:
-        if moves:
+        with suppress(OSError):  # it is not on this machine
             os.chdir(terms.here)
         return outcome_of(work, item, open_device(terms.device), silent)
     finally:
-        if moves:
-            os.chdir(before)
+        os.chdir(before)
 
 
 @lru_cache(maxsize=1)

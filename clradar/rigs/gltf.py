@@ -19,13 +19,13 @@ from scipy.spatial.transform import Rotation
 
 from clradar.errors import RigError
 from clradar.files import limits
-from clradar.files.confined.process import file_bytes
-from clradar.files.failures import reading
+from clradar.files.confined.process import forbid_opening
+from clradar.files.failures import read_bytes, reading
 from clradar.files.meshes.gltf_document import (
     EXPECTED,
     GLB_MAGIC,
+    bytes_beside,
     check_document,
-    check_inside,
     parents_and_order,
 )
 from clradar.files.records import FileRecord, checked, read_record, record_of
@@ -77,10 +77,10 @@ def plain_gltf(
     The rest pose is that of the file's nodes, as viewers show it; the skin is that of the bind pose
     of the inverse bind matrices, which may differ.
     """
-    content = file_bytes(path, EXPECTED, limits.MAX_MESH_BYTES, error=RigError)
+    content = read_bytes(path, EXPECTED, limits.MAX_MESH_BYTES, error=RigError)
     # Overflows are checked for where the numbers are used.
     with reading(path, EXPECTED, error=RigError), np.errstate(over="ignore", invalid="ignore"):
-        file = _File(content)
+        file = _File(path, content)
         if mapping is not None:
             hands = [hand_by_mapping(file.names, mapping)]
         else:
@@ -166,9 +166,11 @@ def _entry(what: str, entries: Sequence[Entry], index: Any) -> Entry:
 class _File:
     """A document, its buffers, and its nodes: their names, parents (-1: a root) and transforms
     (N, 4, 4) to the scene, in the file's unit.
+
+    Once the buffers are read, the confined process that this runs in can open nothing any more.
     """
 
-    def __init__(self, content: bytes) -> None:
+    def __init__(self, path: Path, content: bytes) -> None:
         self._numbers_left = limits.MAX_GLTF_NUMBERS
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # pygltflib asks for reports of what it does not know
@@ -182,11 +184,12 @@ class _File:
         self.document = document
         self._buffers: list[bytes] = []
         for at, buffer in enumerate(document.buffers):
-            data = self._buffer(f"buffer {at}", buffer.uri)
+            data = self._buffer(path, f"buffer {at}", buffer.uri)
             if len(data) < buffer.byteLength:
                 got = f"{len(data)}: the file is cut short"
                 checks.fail(f"buffer {at}", f"{buffer.byteLength} bytes", got)
             self._buffers.append(data[: buffer.byteLength])
+        forbid_opening()
         nodes = document.nodes
         self.names = [str(n.name or f"node {at}") for at, n in enumerate(nodes)]
         self.parents, self.order = parents_and_order([node.children or [] for node in nodes])
@@ -198,16 +201,18 @@ class _File:
             got = "a mesh that no joint moves (not skinned)" if document.meshes else "no mesh"
             checks.fail("nodes", "a mesh with a skin", got)
 
-    def _buffer(self, what: str, uri: Any) -> bytes:
+    def _buffer(self, path: Path, what: str, uri: Any) -> bytes:
         if uri is None:
             data = self.document.binary_blob() if what == "buffer 0" else None
             if data is None:
                 checks.fail(what, "a uri or a binary chunk", "neither")
             return bytes(data)
-        check_inside(what, uri)
-        if ";base64," not in uri:
-            checks.fail(what, "base64", uri[:40])
-        return bytes(GLTF2.decode_data_uri(DATA_URI_HEADER + unquote(uri.partition(",")[2])))
+        if uri.startswith("data:"):
+            if ";base64," not in uri:
+                checks.fail(what, "base64", uri[:40])
+            return bytes(GLTF2.decode_data_uri(DATA_URI_HEADER + unquote(uri.partition(",")[2])))
+        left = limits.MAX_MESH_BUFFERS_BYTES - sum(map(len, self._buffers))
+        return bytes_beside(path, what, unquote(uri), left, RigError)
 
     def _matrix(self, at: int) -> np.ndarray:
         def numbers(name: str, count: int) -> np.ndarray:

@@ -24,7 +24,7 @@ def read(tmp_path: Path, text: str) -> clradar.AntennaArray:
 
 
 def test_every_rule_places_antennas(tmp_path):
-    said = "mixed: antennas at the same place all count, 8 Rx at 7 places"
+    said = "mixed: antennas at the same place all count, 16 Rx at 14 places"
     text = f"""
         name = "mixed"
         [[tx]]
@@ -32,11 +32,13 @@ def test_every_rule_places_antennas(tmp_path):
         [[tx]]
         points_m = [[0, 0.05, 0], [0, 0.06, 0]]
         [[rx]]
+        cross = {{ length_m = 0.04, n = 3, center_m = [0.1, 0, 0] }}
+        [[rx]]
         plane = {{ size_m = [0.02, 0.04], n = [3, 2] }}
+        [[rx]]
+        ring = {{ radius_m = 0.02, n = 4, first_deg = 90 }}
         [[antennas]]
         points_m = [[0.2, 0.2, 0]]
-        [[rx]]
-        points_m = [[0, -0.02, 0]]
         """
     with pytest.warns(ClradarWarning, match=said):
         array = read(tmp_path, text)
@@ -44,8 +46,12 @@ def test_every_rule_places_antennas(tmp_path):
     line = [[-0.03, 0, 0], [-0.01, 0, 0], [0.01, 0, 0], [0.03, 0, 0]]
     both = [0.2, 0.2, 0]
     np.testing.assert_allclose(array.tx_m, [*line, [0, 0.05, 0], [0, 0.06, 0], both], atol=1e-15)
+    cross = [[0.08, 0, 0], [0.1, 0, 0], [0.12, 0, 0], [0.1, -0.02, 0], [0.1, 0.02, 0]]
     plane = [[x, y, 0] for y in (-0.02, 0.02) for x in (-0.01, 0, 0.01)]
-    np.testing.assert_allclose(array.rx_m, [*plane, plane[1], both], atol=1e-15)
+    ring = [[0, 0.02, 0], [-0.02, 0, 0], [0, -0.02, 0], [0.02, 0, 0]]
+    np.testing.assert_allclose(array.rx_m, [*cross, *plane, *ring, both], atol=1e-15)
+    even = read(tmp_path, "[[antennas]]\ncross = { length_m = 0.03, n = 4 }")
+    assert even.n_tx == even.n_rx == 8  # which has no middle
 
 
 def test_poses_place_copies_of_a_known_array(tmp_path):
@@ -74,12 +80,13 @@ def test_gains_and_boresights_of_single_antennas(tmp_path):
         f"""
         [[tx]]
         {LINE}
-        gain = [[0, 1], [0, 0.5], [0, 1], [0, 0.1]]
+        gain_db = [0, -6, 0, -20]
+        phase_deg = 90
         [[tx]]
         points_m = [[0, 0, 0]]
         [[rx]]
         {LINE}
-        boresight = [[0, 0.6, 0.8]]
+        boresight = [0, 0.6, 0.8]
         [rx_pattern]
         exponent = 2
         [[pose]]
@@ -87,7 +94,8 @@ def test_gains_and_boresights_of_single_antennas(tmp_path):
         rotation_deg = [0, 90, 0]
         """,
     )
-    np.testing.assert_array_equal(array.tx_gain, [1j, 0.5j, 1j, 0.1j, 1])
+    level = 10 ** (np.array([0, -6, 0, -20]) / 20)
+    np.testing.assert_allclose(array.tx_gain, [*1j * level, 1], atol=1e-15)
     np.testing.assert_allclose(array.rx_boresight, np.tile([0.8, 0.6, 0], (4, 1)), atol=1e-15)
     assert array.rx_gain is None
     assert array.rx_pattern == clradar.AntennaPattern(exponent=2.0)
@@ -117,7 +125,8 @@ def assert_same(got: clradar.AntennaArray, want: clradar.AntennaArray) -> None:
         (f"[[antennas]]\n{LINE}\npoints_m = [[0, 0, 0]]", "got points_m and line"),
         (f"antenas = 1\n[[antennas]]\n{LINE}", "antenas: unknown key.*did you mean 'antennas'"),
         ("[[antennas]]\nline = { first_m = [0, 0, 0], n = 3 }", "line.last_m: expected .*metres"),
-        (f"[[antennas]]\n{LINE.replace('4', '3.5')}", "n: expected a whole number"),
+        ("[[antennas]]\nring = { radius_m = -1, n = 3 }", "radius_m: expected a length above 0"),
+        ("[[antennas]]\nring = { radius_m = 1, n = 3.5 }", "n: expected a whole number"),
         ("[[antennas]]\npoints_m = [[0, 0]]", "rows of three numbers, got rows of 2"),
         ("[[antennas]]\nplane = { size_m = [1, 1], n = [1000, 1000] }", "at most 20000 antennas"),
         ("[[antennas]]\nplane = { size_m = [1, 1], n = [1, 99999] }", "n_y., each a whole"),
@@ -126,14 +135,12 @@ def assert_same(got: clradar.AntennaArray, want: clradar.AntennaArray) -> None:
         ('copy_of = "qar5"', "one of .*did you mean 'qar50'"),
         (f'copy_of = "qar50"\n[[tx]]\n{LINE}', "copy_of: expected no tx, rx, antennas beside"),
         ('copy_of = "qar50"\npose = 3', r"pose: expected tables \[\[pose\]\]"),
-        (f"[[antennas]]\n{LINE}\ngain = [1, 2]", r"gain\[0\]: expected a list of numbers"),
-        (
-            f"[[antennas]]\n{LINE}\ngain = [[1, 2], [1, 2]]",
-            "a row of 2 numbers.* got 2 of 2",
-        ),
-        (f"[[antennas]]\n{LINE}\nboresight = [[0, 1]]", "boresight: expected a row of 3 num"),
-        (f"[tx_pattern]\n[[rx]]\n{LINE}\n[[tx]]\n{LINE}\nboresight = [[0, 1e200, 0]]", "inf"),
-        (f"[[antennas]]\n{LINE}\nboresight = [[0, 1, 0]]", r"tx: expected \[tx_pattern\]"),
+        (f"[[antennas]]\n{LINE}\ngain_db = {2**64}", "tx_gain: expected finite numbers, got"),
+        (f"[[antennas]]\n{LINE}\ngain_db = [1, 2]", "gain_db: expected a number, or one for"),
+        (f"[[antennas]]\n{LINE}\nboresight = [0, 1]", "boresight: expected a row of 3 num"),
+        (f"[tx_pattern]\n[[rx]]\n{LINE}\n[[tx]]\n{LINE}\nboresight = [0, 1e200, 0]", "inf"),
+        (f"[[antennas]]\n{LINE}\nboresight = [0, 1, 0]", r"tx: expected \[tx_pattern\]"),
+        (f"[[antennas]]\n{LINE}\ngain = [1, 0]\ngain_db = 3", "no gain_db and no phase_deg"),
         ('copy_of = "qar50"\npairs = "some"', "pairs: expected one of .all., .cluster."),
         (f'copy_of = "qar50"\npairs = "cluster"\n[[pose]]\n{LINE}', r"pairs: .* got 4 clusters"),
         ('copy_of = "qar50"\n[tx_pattern]\nexponent = -1', r"tx_pattern.exponent: .*\[0, 10000\]"),

@@ -179,7 +179,7 @@ def test_images_by_iteration(cli, made):
     outcome = cli.ok(
         f"image few.h5 -o v.h5 --method sparse --iterations 2 --sparsity-db=-20 {GRID}"
     )
-    assert "sparse: 2 iterations, no more were asked for; left: " in outcome.out
+    assert "sparse: 2 iterations, ended by iterations; left: " in outcome.out
     meta = open_volume("v.h5").meta
     assert (meta["method"], meta["iterations"], meta["sparsity_db"]) == ("sparse", 2, -20)
     assert meta["residual_db"] < 0

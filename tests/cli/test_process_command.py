@@ -351,7 +351,6 @@ def test_a_folder_with_hands_table_and_figures(cli, line, tried):
     folder = Path("out/hand")
     assert {path.name for path in folder.iterdir()} == {FIGURE, SHEET, RECORDS}
     assert "4 frames, 1 followed, 2 searched, 1 without a hand" in outcome.out
-    assert "the misfit per cell is 1.30" in outcome.out
     frame = json.loads((folder / "frames/000003.json").read_text())
     assert (frame["how"], frame["start"]) == ("followed", "frame 2")
     assert frame["time_s"] == pytest.approx(0.375001)
@@ -362,6 +361,7 @@ def test_a_folder_with_hands_table_and_figures(cli, line, tried):
     assert np.array_equal(start.transform, MOVEMENT.transform(TIMES_S[3]))
     fitted = [one["hand"] for one in json.loads(Path("out/recording.json").read_text())["frames"]]
     assert [one["how"] for one in fitted] == ["searched", "nothing found", "searched", "followed"]
+    assert "the misfit per cell is 1.30" in " ".join(fitted[2]["notes"])
     assert fitted[3] == frame
     overall = rows_of(Path("out"))
     tip_mm = [float(overall[3][f"hand index tip {axis} mm"]) for axis in "xyz"]

@@ -7,7 +7,7 @@ import faulty_samples
 import pytest
 from dataset_plans import DEVICE, LIGHT, PLAN
 
-from clradar.dataset import contact_sheet, run, runs
+from clradar.dataset import run, runs
 
 
 @pytest.fixture(scope="session")
@@ -21,11 +21,9 @@ def made(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def quick_runs():
-    """Have runs make each sample once, and write a word for the contact sheet."""
+    """Have runs make each sample once."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runs, "make_sample", faulty_samples.make_once)
-        patch.setattr(contact_sheet, "contact_sheet", len)
-        patch.setattr(contact_sheet, "figure_bytes", lambda figure, dpi: b"contact sheet")
         yield
 
 

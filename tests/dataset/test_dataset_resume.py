@@ -20,7 +20,6 @@ from nightly import nightly
 
 from clradar.dataset import open_dataset, run, runs
 from clradar.dataset.folder import (
-    CONTACT_SHEET,
     MANIFEST,
     check_dataset,
     describe_dataset,
@@ -84,7 +83,10 @@ ASIDE = {"sample": 3, "reason": "why", "attempts": 2}
         (lambda f: (f / MANIFEST).unlink(), "manifest.json"),
         (manifest(clradar_version=3), "expected version 2 or older, got 3; update clradar"),
         (manifest(plan={"samples": 0}), "manifest.json: samples: expected a whole number"),
-        (manifest(set_aside=[{**ASIDE, "sample": "2"}]), "set_aside[0].sample: expected a whole"),
+        (
+            manifest(set_aside=[{**ASIDE, "sample": "2"}]),
+            "set_aside[0].sample: expected a valid integer",
+        ),
         (manifest(set_aside=[ASIDE]), "expected the samples 4, 5, got 3, 4, 5"),
         (changed("sample", lambda a: a + 1), "the samples 3, 4, 5, got 4, 5, 6"),
         (changed("alpha", None), "alpha: expected one for each sample"),
@@ -108,7 +110,6 @@ def test_a_stopped_run_is_reported_and_resumes_with_the_missing_shards(
     faults({stop: "stop"})
     with pytest.raises(KeyboardInterrupt):
         run(LIGHT, folder, device=DEVICE)
-    assert not (folder / CONTACT_SHEET).exists()
     if stop == 4:
         assert [exit_status("inspect", folder, *more) for more in ([], ["--check"])] == [0, 1]
         out, err = capsys.readouterr()
@@ -146,7 +147,6 @@ def test_what_fails_is_set_aside_and_tried_again_on_request(cli, light, faults, 
     assert report.ok, report.problems
     assert "set aside, with their reasons in the manifest: 0, 1, 2, 4" in report.checked
     assert "yes, but for 4 set aside" in str(describe_dataset(folder))
-    assert (folder / CONTACT_SHEET).is_file()
     assert open_dataset(folder).sample.values.tolist() == [3, 5, 6]
     faults({})
     assert run(LIGHT, folder, device=DEVICE) == runs.RunResult(0, 7, result.aside)
@@ -290,7 +290,7 @@ def test_kills_at_random_moments_change_no_byte(plan_file, undisturbed, tmp_path
         process.communicate()
         _, alive = psutil.wait_procs(children, timeout=LIMIT_S)
         assert not alive, "workers outlived their client"
-        if (folder / "contact-sheet.png").is_file():
+        if process.returncode == 0:
             assert digests(folder) == undisturbed
             folder = folder.with_name(f"set-{done}")
     subprocess.run(command(plan_file, folder), check=True)

@@ -2,7 +2,6 @@
 
 import json
 import pickle
-from base64 import b64encode
 from collections.abc import Callable
 from copy import deepcopy
 from pathlib import Path
@@ -247,7 +246,8 @@ def unindexed(maker):
 @pytest.mark.parametrize(
     ("save", "unit", "tolerance_m"),
     [
-        pytest.param(lambda at: RigMaker().save(at / "x.gltf"), None, 0.0, id="inside"),
+        pytest.param(lambda at: RigMaker().save(at / "x.gltf", "data"), None, 0.0, id="inside"),
+        pytest.param(lambda at: RigMaker().save(at / "x.gltf", "file"), None, 0.0, id="beside"),
         pytest.param(interleaved, None, 0.0, id="interleaved"),
         pytest.param(lambda at: make(at, index_type=None, edit=unindexed), None, None, id="lists"),
         pytest.param(lambda at: make(at, units=5.0), 0.2, VERTEX_TOLERANCE_M, id="unit"),
@@ -460,8 +460,9 @@ DOCUMENTS: list[tuple[Callable[[GLTF2], None], str]] = [
 def test_wrong_documents_are_named(tmp_path, change, message):
     maker, path = RigMaker(), tmp_path / "hand.gltf"
     document = maker.build()
-    document.buffers[0].uri = "data:;base64," + b64encode(maker.blob).decode()
     change(document)
+    (tmp_path / "hand.bin").write_bytes(maker.blob)
+    document.buffers[0].uri = "hand.bin"
     # Not pygltflib's own writer, which refuses NaN.
     record = json.loads(document.to_json(allow_nan=True))
     path.write_text(json.dumps(record))
@@ -531,10 +532,9 @@ def test_cut_and_foreign_files_are_named(tmp_path):
         read_rig(tmp_path / "none.glb")
     with pytest.raises(RigError, match="got a folder"):
         read_rig(tmp_path)
-    document = RigMaker().build()
-    document.buffers[0].uri = "beside.bin"
-    (tmp_path / "beside.gltf").write_text(document.to_json())
-    with pytest.raises(RigError, match=r"buffer 0: expected it in the file .* got 'beside.bin'"):
+    RigMaker().save(tmp_path / "beside.gltf", "file")
+    (tmp_path / "beside.bin").unlink()
+    with pytest.raises(RigError, match=r"beside.bin: expected buffer 0 of beside.gltf, got noth"):
         read_rig(tmp_path / "beside.gltf")
     for unit in ("furlong", -1.0):
         with pytest.raises(ModelError, match="unit"):

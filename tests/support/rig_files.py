@@ -243,12 +243,16 @@ class RigMaker:
         kind = self.index_type
         return None if kind is None else self.accessor(faces.reshape(-1, 1), kind)
 
-    def save(self, path: Path) -> Path:
+    def save(self, path: Path, buffers: str = "binary") -> Path:
         document = self.build()
         if path.suffix == ".glb":
             document.save_binary(str(path))
-        else:
+        elif buffers == "data":
             body = base64.b64encode(self.blob).decode()
             document.buffers[0].uri = f"data:application/gltf-buffer;base64,{body}"
+            path.write_text(document.to_json())
+        else:
+            path.with_suffix(".bin").write_bytes(self.blob)
+            document.buffers[0].uri = path.with_suffix(".bin").name
             path.write_text(document.to_json())
         return path

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -81,15 +80,8 @@ def read(
     recording = measurement_io.open_recording(path, variant=variant)
     if not len(recording):
         fail(path, f"frames of variant {variant}", "none")
-    with console.bar("averaging") as progress:
-
-        def captures() -> Iterator[cl.Capture]:
-            for number, capture in enumerate(recording, start=1):
-                yield opt.noted(path, capture)
-                if progress is not None:
-                    progress(number, len(recording))
-
-        found = calibration.average_frames(captures(), align_phase=align_phase)
+    captures = (opt.noted(path, capture) for capture in console.track(recording, "averaging"))
+    found = calibration.average_frames(captures, align_phase=align_phase)
     expected, count = found.meta.get("number_of_measurements"), len(recording)
     if isinstance(expected, int) and expected != count:
         console.warning(f"{path}: {count} of {expected} frames are there; averaged those")
@@ -162,12 +154,7 @@ def channels_command(
     target: TargetOptions,
     output: Path = opt.output_option("Channels to write (HDF5)."),
     estimate: EstimateOptions,
-    plot: Path | None = opt.written(
-        "Also draw gains, phases and delays: .png, .pdf or .svg.",
-        "--plot",
-        "--figure",
-        check=parse.figure,
-    ),
+    plot: Path | None = opt.figure("Also draw gains, phases and delays", "--plot"),
     frames: opt.FrameOptions,
 ) -> None:
     """The target's position is refined, too. Which errors are observable:
@@ -197,9 +184,7 @@ COARSE_GRID_MM = ((-100.0, 100.0, 4.0), (-100.0, 100.0, 4.0), (260.0, 340.0, 10.
 def diagnose_command(
     *,
     capture: Path = opt.CAPTURE,
-    output: Path | None = opt.output_option(
-        "Figure of all images: .png, .pdf or .svg.", None, "--figure", check=parse.figure
-    ),
+    output: Path | None = opt.figure("Figure of all images", "-o", "--output"),
     json: Path | None = opt.written("File for the result, in metres."),
     fix_to: Path | None = opt.written("The capture in clradar's convention (HDF5)."),
     expect_mm: tuple[float, ...] | None = opt.option(

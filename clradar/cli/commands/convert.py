@@ -36,8 +36,8 @@ def write_captures(
     beside, written = opt.paths_in(opt.arguments_of(antennas)), list[str]()
     if output.is_dir():
         out.check_outputs(files)
-    with made_folder(output), console.bar("converting") as progress:
-        for done, (path, opened) in enumerate(files.items(), start=1):
+    with made_folder(output):
+        for path, opened in console.track(files.items(), "converting"):
             try:
                 capture = opened()
             except MeasurementError as error:
@@ -48,8 +48,6 @@ def write_captures(
             out.save(path, capture, out.provenance(inputs, **own), force=opt.call.force)
             written.append(path.name)
             del capture  # before the next one is read
-            if progress is not None:
-                progress(done, len(files))
         if len(written) < len(files):
             raise MeasurementError(f"{source}: {len(written)} of {len(files)} frames converted")
     counts = ", ".join(console.counted(len(view), f"{name} frame") for name, view in views.items())

@@ -15,8 +15,6 @@ from clradar.errors import ClradarWarning
 from clradar.jobs import open_devices
 from clradar.model import checks
 
-DOUBTS = "\nDoubtful: "  # where they begin in a report; of each there is a warning
-
 
 def align_command(
     *,
@@ -61,8 +59,7 @@ def align_command(
     instrument = {} if scene is None else img.radar_of(measured, images[0], radar)
     if scene is None:
         images.append(img.open_image(path))
-    grid = img.common_grid(voxels, *images, device=opened)
-    volumes = [img.form_image(image, grid, imaging, opened) for image in images]
+    volumes = img.imaged(images, voxels, imaging, opened)
     with console.bar("aligning") as progress:
         if scene is None:
             result = calibration.align(*volumes, progress=progress, **settings)
@@ -71,7 +68,7 @@ def align_command(
                 volumes[0], scene, correct_bias=not quick, device=opened, progress=progress,
                 **settings, **instrument,
             )  # fmt: skip
-    console.text(result.report().partition(DOUBTS)[0])
+    console.text(result.report())
     text = "the transform, its covariance and this report"
     out.write(output, result.to_dict(), text, grid=opt.grid_text(volumes[0].grid))
 
@@ -137,7 +134,7 @@ def register_command(
     with out.whole_folder(output, REGISTERED) as made:
         out.write(made / TRANSFORM, {**result.alignment.to_dict(), "rounds": rounds}, **more)
         img.write_simulation(made, measured, simulated, compared, metrics, **more)
-    console.text(result.alignment.report().partition(DOUBTS)[0])
+    console.text(result.alignment.report())
     moved_mm = 1e3 * result.rounds[-1].moved_m
     console.line(
         f"{console.counted(len(result.rounds), 'round')}, the last moved it by {moved_mm:.2f} mm"
@@ -193,7 +190,7 @@ def fit_hand_command(
         fit = calibration.fit_hand(found.volume, **settings)
     with out.whole_folder(output, FITTED) as made:
         write_hand_fit(made, found, fit, fitting.seed, opened)
-    console.text(fit.report().partition(DOUBTS)[0])
+    console.text(fit.report())
     console.line(f"{output}: {', '.join(FITTED)}")
 
 

@@ -124,6 +124,7 @@ def hand_command(
     texture, which stays on the skin from pose to pose. Rigs: docs/rigs.md; motion files:
     docs/movement.md.
     """
+    from calibration.hand_fit.result import by_joint
     from clradar.hand.pose_file import pose_of
 
     if list_poses:
@@ -160,7 +161,7 @@ def hand_command(
     else:
         mesh, text = surface.rigged(angles, name, center_m)
     mesh = out.turned(mesh, turn_deg, center_m)
-    out.write(joints, indented(out.joints_record(mesh.joints_m)))
+    out.write(joints, indented(by_joint(mesh.joints_m)))
     out.write(output, mesh, f"{text}, {len(mesh.faces)} faces")
 
 

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 import clradar as cl
-from clradar.cli import console, images as img, options as opt, outputs as out, parse
+from clradar.cli import console, images as img, options as opt, outputs as out
 from clradar.errors import MeasurementError
 from clradar.files.atomic import replacing
 from clradar.imaging.fast import GridPiece, grid_pieces
@@ -35,12 +35,8 @@ Part = tuple[int, int]  # numbers of a piece and of a capture
 @dataclass(frozen=True, kw_only=True)
 class ImageFiles(opt.PictureOptions):
     output: Path | None = opt.output_option("Volume to write (HDF5).")
-    png: Path | None = opt.written(
-        "Draw amplitude and depth: .png, .pdf or .svg.", "--png", "--figure", check=parse.figure
-    )
-    report: Path | None = opt.written(
-        "Page: figure, 3-D view, facts and settings in one .html file.", check=parse.page
-    )
+    png: Path | None = opt.figure("Draw amplitude and depth", "--png")
+    report: Path | None = opt.page("Page (.html): figure, 3-D view, facts and settings.")
     dbsm: bool = opt.option(
         "Draw radar cross sections in dBsm, of S-parameters.",
         False,
@@ -272,14 +268,6 @@ def draw(
         out.write(files.report, page, "the image as a page, to be opened in a browser")
 
 
-STOPPED = {
-    "noise": "what is left looks like noise",
-    "change": "it changes no more",
-    "iterations": "no more were asked for",
-}
-"""How an image by iteration ended: `clradar.reconstruct` explains the reasons."""
-
-
 def image_command(
     captures: list[Path] = opt.argument(
         "Native capture, recorded .npy frame, or radar folder; or a volume, to be drawn. Several "
@@ -303,10 +291,8 @@ def image_command(
     if not to_write:
         raise opt.wrong_usage("-o", "expected a volume to write, or --png, or --report; got none")
     folder = to_write[0].with_name(f"{to_write[0].name}.parts")
-    content, range_db = img.open_image(captures[0], frames), depth.dynamic_range_db
-    several, volume = len(captures) > 1, isinstance(content, cl.Volume)
-    if several and volume:
-        raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {captures[0]}")
+    several, range_db = len(captures) > 1, depth.dynamic_range_db
+    content = (capture_of if several else img.open_image)(captures[0], frames)
     wrong = {"--method": imaging.iterated, "--dbsm": files.dbsm, "--absolute": imaging.absolute}
     for name in (name for name, is_wrong in wrong.items() if several and is_wrong):
         raise opt.wrong_usage(name, "expected with a single capture, not with several")
@@ -317,9 +303,9 @@ def image_command(
         )
     others = {"-o": files.output, **opt.given(processes), "--device": device}
     chosen = {name: value for name, value in others.items() if value is not None}
-    for name in {**opt.given(imaging), **chosen} if volume else {}:
-        raise opt.wrong_usage(name, "the input is a volume, which is an image already")
     if isinstance(content, cl.Volume):
+        for name in {**opt.given(imaging), **chosen}:
+            raise opt.wrong_usage(name, "the input is a volume, which is an image already")
         draw(files, content, content.meta, captures, range_db)
         return
     if imaging.absolute:
@@ -342,6 +328,6 @@ def image_command(
     if imaging.iterated:
         left_db, count = volume.meta["residual_db"], volume.meta["iterations"]
         left = "nothing" if left_db is None else f"{left_db:.1f} dB of the samples"
-        reason = STOPPED[volume.meta["stopped"]]
-        console.line(f"{imaging.method}: {count} iterations, {reason}; left: {left}")
+        reason = volume.meta["stopped"]  # as `clradar.reconstruct` has them
+        console.line(f"{imaging.method}: {count} iterations, ended by {reason}; left: {left}")
     draw(files, volume, volume.meta, captures, range_db, grid=text)

@@ -140,9 +140,7 @@ FOCUS_MM = parse.so_many(3, "X,Y,Z in millimetres", plausible=("a coordinate", (
 def array_command(
     radar: ArrayOptions,
     *,
-    output: Path | None = opt.output_option(
-        "Figure: .png, .pdf or .svg.", None, "--figure", check=parse.figure
-    ),
+    output: Path | None = opt.figure("Figure", "-o", "--output"),
     at_mm: tuple[float, ...] = opt.option(
         "Point that the array is focused on.", "0,0,300", metavar="X,Y,Z", parse=FOCUS_MM
     ),

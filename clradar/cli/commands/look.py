@@ -11,7 +11,7 @@ import typer
 
 import clradar as cl
 import measurement_io
-from clradar.cli import console, images as img, options as opt, outputs as out, parse
+from clradar.cli import console, images as img, options as opt, outputs as out
 from clradar.errors import MeasurementError
 from clradar.jobs import open_devices
 
@@ -23,13 +23,11 @@ def inspect_command(
     *,
     check: bool = opt.option("Read and verify everything; exit status 1 if damaged.", False),
     as_json: bool = opt.JSON,
-    png: Path | None = opt.written(
-        "Also draw it: .png, .pdf or .svg. A capture's echoes and the level of every pair.",
+    png: Path | None = opt.figure(
+        "Also draw it, of a capture echoes and the level of every pair",
         "--png",
         "-o",
-        "--figure",
         without="--check --json",
-        check=parse.figure,
     ),
     picture: opt.PictureOptions,
 ) -> None:
@@ -39,8 +37,8 @@ def inspect_command(
     dataset = is_dataset(file)
     if dataset and png is not None:
         raise MeasurementError(
-            f"{file}: expected a volume, a capture or a recording to draw, got a data set; its "
-            "own picture is contact-sheet.png"
+            f"{file}: expected a volume, a capture or a recording to draw, got a data set; "
+            f"clradar view {file} shows it"
         )
     if check:
         with console.bar("checking") as progress:
@@ -77,9 +75,8 @@ def view_command(
         without="--html",
     ),
     variant: opt.Variant = opt.option("Variant of a recording's frames.", "raw"),
-    html: Path | None = opt.written(
-        "Write scene and time line of all frames into this .html file, and serve nothing.",
-        check=parse.page,
+    html: Path | None = opt.page(
+        "Write scene and time line of all frames into this .html file, and serve nothing."
     ),
     port: int = opt.option(
         "Port at 127.0.0.1, or the next free one; 0: any free one.", 8080, min=0, max=65535
@@ -128,14 +125,9 @@ def compare_command(
     *,
     measured: Path = opt.argument("Volume or capture."),
     simulated: list[Path] = opt.argument("Volumes or captures."),
-    output: Path | None = opt.output_option(
-        "Figure to write: .png, .pdf or .svg.", None, "--figure", check=parse.figure
-    ),
+    output: Path | None = opt.figure("Figure", "-o", "--output"),
     json: Path | None = opt.written("File for the metrics, in metres."),
-    report: Path | None = opt.written(
-        "Page to write: figure, 3-D view, metrics and settings in one .html file.",
-        check=parse.page,
-    ),
+    report: Path | None = opt.page("Page (.html): figure, 3-D view, metrics and settings."),
     voxels: opt.GridOptions,
     imaging: opt.ImagingOptions,
     depth: opt.DepthMapOptions,
@@ -148,8 +140,7 @@ def compare_command(
     images = [img.open_image(measured, frames), *map(img.open_image, simulated)]
     imaged = all(isinstance(image, cl.Volume) for image in images)
     opened = None if imaged else open_devices(device).first
-    grid = img.common_grid(voxels, *images, device=opened)
-    volumes = [img.form_image(image, grid, imaging, opened) for image in images]
+    volumes = img.imaged(images, voxels, imaging, opened)
     labels = img.figure_labels(simulated, [volume.meta for volume in volumes[1:]])
     if measured.is_dir() and frames.frame is None and any(path.is_dir() for path in simulated):
         console.line("the first frames are compared; `clradar process` compares every one")
@@ -159,7 +150,7 @@ def compare_command(
     label = f"Measurement: {recording}" if recording else "Measurement"
     figure = partial(compared.figure, differences=True, measured_label=label)
     out.write(output, figure, f"the measurement and {len(simulated)} simulated")
-    text = opt.grid_text(grid)
+    text = opt.grid_text(volumes[0].grid)
     record = {"measured": str(measured), "simulated": compared.records(simulated)}
     out.write(json, record, "the metrics, in metres", grid=text)
 

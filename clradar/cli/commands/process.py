@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from secrets import token_hex
 from typing import Any
@@ -71,9 +71,8 @@ def prepared(
         mean = folder / EMPTY
         if not mean.is_file():
             room = Frames(steps.how.empty)
-            with console.bar("averaging"):
-                frames = map(room.capture, room.files)
-                out.save(mean, calibration.average_frames(frames), steps.origin)
+            frames = map(room.capture, console.track(room.files, "averaging"))
+            out.save(mean, calibration.average_frames(frames), steps.origin)
         steps = replace(steps, how=replace(steps.how, empty=mean))
     store = FolderStore(folder / MAPS)
     if GRID not in store:  # kept: another first frame may be readable when the run is resumed
@@ -107,7 +106,7 @@ def hands_of(
     from calibration.hand_fit.frame_fit import FOLLOWED
 
     numbers = [int(one["frame"]) for one in records]
-    images = KeptImages(
+    images = img.ReadOnAccess(
         numbers, lambda number: steps.map_of(f"{number:06d}-hand"),
         [one["time_us"] for one in records],
     )  # fmt: skip
@@ -121,12 +120,6 @@ def hands_of(
         except CompareError as error:
             console.warning(f"{HANDS}: {error}")
             return None
-    rows = [
-        [str(fit.frame), f"{fit.time_s:.3f}", fit.how, "; ".join(fit.notes)]
-        for fit in fits
-        if fit.how != FOLLOWED or fit.notes
-    ]
-    console.table(("frame", "time (s)", "how", "why"), rows, right=("frame", "time (s)"))
     followed = sum(fit.how == FOLLOWED for fit in fits)
     lost = sum(fit.state is None for fit in fits)
     words = f"{len(fits)} frames, {followed} followed, {len(fits) - followed - lost} searched"
@@ -164,19 +157,15 @@ def write_results(
         images = (steps.map_of(f"{number:06d}") for number in shown)
         pictures = FramePictures(images, steps.how.dynamic_range_db)
         (folder / PICTURES).mkdir(exist_ok=True)
-        files = []
-        with console.bar("drawing") as progress:
-            for i, one in enumerate(records):
-                number = one["frame"]
-                image = steps.map_of(f"{number:06d}") if number in shown else None
-                when = f", {columns['time s'][i]:.3f} s" if timed else ""
-                files.append(folder / PICTURES / f"{i:06d}.png")
-                picture = pictures.png(image, f"{labels[0]}, frame {number}{when}")
-                write_file(files[-1], picture, force=True)
-                if progress is not None:
-                    progress(i + 1, len(records))
-            step_s = float(np.median(np.diff(time))) if timed and len(time) > 1 else 0.0
-            write_gif(folder / MOVIE, files, step_s if step_s > 0 else DEFAULT_STEP_S)
+        files = [folder / PICTURES / f"{i:06d}.png" for i in range(len(records))]
+        for i, file in enumerate(console.track(files, "drawing")):
+            number = records[i]["frame"]
+            image = steps.map_of(f"{number:06d}") if number in shown else None
+            when = f", {columns['time s'][i]:.3f} s" if timed else ""
+            picture = pictures.png(image, f"{labels[0]}, frame {number}{when}")
+            write_file(file, picture, force=True)
+        step_s = float(np.median(np.diff(time))) if timed and len(time) > 1 else 0.0
+        write_gif(folder / MOVIE, files, step_s if step_s > 0 else DEFAULT_STEP_S)
     record = {"recording": str(steps.source), "frames": records}
     out.write(folder / RESULT, record, force=True)
 
@@ -246,23 +235,9 @@ def curves(columns: Mapping[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]
     return {panel: drawn for panel, drawn in there.items() if drawn}
 
 
-@dataclass(frozen=True, slots=True)
-class KeptImages(img.ReadOnAccess):
-    """Depth maps of frames, and their time stamps, which depth maps do not have."""
-
-    times_us: Sequence[float | None]
-
-    @property
-    def frame_numbers(self) -> Sequence[int]:
-        return self.items
-
-    def time_us(self, index: int) -> float | None:
-        return self.times_us[index]
-
-
 def fit_frames(
     folder: Path,
-    images: KeptImages,
+    images: img.ReadOnAccess,
     settings: Mapping[str, Any],
     progress: Progress | None,
 ) -> list[calibration.FrameFit]:
@@ -293,7 +268,7 @@ def fit_frames(
 
 
 def draw_movement(
-    folder: Path, images: KeptImages, fits: Sequence[calibration.FrameFit], name: str
+    folder: Path, images: img.ReadOnAccess, fits: Sequence[calibration.FrameFit], name: str
 ) -> None:
     from calibration.hand_fit.movement_figure import movement_figure, movement_sheet, shown_frames
 

@@ -41,26 +41,27 @@ def recording_files(folder: Path) -> list[str]:
     return [TRUTH, *(path.name for path in found)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClusterSteps:
-    """What is done with a cluster, as plain values that a worker process gets."""
+def simulate_cluster(
+    scene: cl.Scene,
+    waveform: cl.Waveform,
+    settings: cl.SimulationSettings,
+    folder: Path,
+    origin: Mapping[str, Any],
+    item: Item,
+    device: cl.Device,
+    progress: Progress,
+) -> str:
+    """Simulate a cluster, write its capture, and return what it is."""
+    number, array = item
+    capture = cl.simulate(
+        scene, array, waveform, settings=settings, device=device, progress=progress
+    )
+    out.save(cluster_file(folder, number), capture, origin)
+    return summary(capture)
 
-    scene: cl.Scene
-    waveform: cl.Waveform
-    settings: cl.SimulationSettings
-    folder: Path
-    origin: Mapping[str, Any]
 
-    def run(self, item: Item, device: cl.Device, progress: Progress) -> str:
-        """Simulate a cluster, write its capture, and return what it is."""
-        number, array = item
-        how: dict[str, Any] = {"settings": self.settings, "device": device, "progress": progress}
-        capture = cl.simulate(self.scene, array, self.waveform, **how)
-        out.save(self.file_of(number), capture, self.origin)
-        return summary(capture)
-
-    def file_of(self, number: int) -> Path:
-        return self.folder / f"{CLUSTER_NAME.format(number)}.h5"
+def cluster_file(folder: Path, number: int) -> Path:
+    return folder / f"{CLUSTER_NAME.format(number)}.h5"
 
 
 def summary(capture: cl.Capture) -> str:
@@ -155,11 +156,13 @@ def record_movement(
 
 def _truth(motion: Motion, scene: cl.MovingScene, middle_s: float) -> dict[str, Any]:
     """Where everything is in the middle of a sweep."""
+    from calibration.hand_fit.result import by_joint
+
     hands = [
         {
             "pose": body.pose(middle_s).name,
             "transform": body.transform(middle_s).tolist(),
-            "joints_m": out.joints_record(body.joints_m(middle_s)),
+            "joints_m": by_joint(body.joints_m(middle_s)),
         }
         for body in scene.bodies
         if isinstance(body, cl.MovingHand)
@@ -249,22 +252,19 @@ def simulate_command(
         )
     elif scene is not None and several:
         settings = settings.for_scene(scene, clusters[0], waveform)  # one for all: images add up
-        steps = ClusterSteps(
-            scene=scene, waveform=waveform, settings=settings, folder=output,
-            origin=out.provenance(),
-        )  # fmt: skip
+        work = partial(simulate_cluster, scene, waveform, settings, output, out.provenance())
         job = out.begun(
             output, "simulation of clusters", cluster_files(output), PATTERN,
             settings=asdict(settings),
         )  # fmt: skip
         with job.held(), console.bar("tracing") as progress:
             for (number, _), text in job.each(
-                steps.run, list(enumerate(clusters, start=1)), where,
-                done=lambda one: steps.file_of(one[0]).is_file(),
+                work, list(enumerate(clusters, start=1)), where,
+                done=lambda one: cluster_file(output, one[0]).is_file(),
                 name=lambda one: f"cluster {one[0]}: ", progress=progress, say=console.line,
                 noun="cluster",
             ):  # fmt: skip
-                console.line(f"{steps.file_of(number)}: {text}")
+                console.line(f"{cluster_file(output, number)}: {text}")
         text, label = f"{len(clusters)} clusters", where.text
     elif scene is not None:
         with console.bar("tracing") as progress:
@@ -279,7 +279,7 @@ TURN_DEG = 25.0
 """At 0 the palm is a mirror, which outshines the fingers by about 15 dB at alpha 0; from
 atan(7 / 30), 13 degrees, on it glints past the aperture's edge."""
 
-MEASUREMENT, PHYSICAL, SNR_DB = "measurement", "physical", 20.0
+MEASUREMENT, SNR_DB = "measurement", 20.0
 
 
 def demo_command(
@@ -314,7 +314,7 @@ def run_demo(
     """Write the files of the demonstration over those of an earlier one; `rays` over alpha."""
     from clradar.hand.mesh import DEFAULT_CENTER_M
 
-    mesh, physical = folder / "hand_f.ply", {"estimator": PHYSICAL}
+    mesh, physical = folder / "hand_f.ply", {"estimator": opt.PHYSICAL}
     out.write(
         mesh,
         out.turned(cl.hand.hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M),
@@ -327,7 +327,7 @@ def run_demo(
     simulated: dict[str, Any] = {
         MEASUREMENT: (skin, physical, 1),
         **{f"alpha_{a:g}": (scene.with_alpha(a), rays, 0) for a in (0.0, 0.5, 1.0)},
-        PHYSICAL: (skin, physical, 0),
+        opt.PHYSICAL: (skin, physical, 0),
     }
     volumes = []
     for name, (surface, settings, seed) in simulated.items():

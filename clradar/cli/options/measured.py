@@ -10,8 +10,9 @@ from typing import Any, Literal
 import calibration
 import clradar as cl
 import measurement_io
+from clradar.arrays import instruments
 from clradar.cli import parse
-from clradar.cli.groups import argument, arguments_of, call, option
+from clradar.cli.groups import argument, arguments_of, call, option, written
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.jobs import Where
 from clradar.model import checks
@@ -29,6 +30,14 @@ DEVICE: Any = option(
 )
 JSON: Any = option("Print JSON, in metres and hertz.", False, "--json", panel="Output")
 
+
+def figure(help: str, *names: str, **details: Any) -> Any:
+    """A field that is the option of a figure to write."""
+    help = f"{help}: .png, .pdf or .svg."
+    return written(help, *names, "--figure", check=parse.figure, **details)
+
+
+page = partial(written, check=parse.page)
 
 own_option = partial(option, needs="--fit-hand", without="--rig")
 """Of the embedded hand: a rig is one hand, whose mesh, size and side are what they are."""
@@ -92,9 +101,7 @@ class WorkerOptions:
 
 def array_files(array: str) -> list[Path]:
     """The file of an array, if it is none that comes along."""
-    from clradar.arrays.instruments import KNOWN
-
-    return [] if array in KNOWN else [Path(array)]
+    return [] if array in instruments.KNOWN else [Path(array)]
 
 
 array_option = partial(
@@ -127,15 +134,13 @@ class RadarOptions:
         return cl.Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
 
     def antennas(self) -> cl.AntennaArray:
-        from clradar.arrays.instruments import KNOWN
-
-        own = array_files(self.array)
-        return cl.arrays.read_array(self.array) if own else KNOWN[self.array]()
+        known = instruments.KNOWN.get(self.array)
+        return cl.arrays.read_array(self.array) if known is None else known()
 
     def clusters(self) -> tuple[cl.AntennaArray, ...]:
         """The arrays of a file of clusters, each of which has a capture of its own; else one."""
-        own = array_files(self.array)
-        return cl.arrays.read_clusters(self.array) if own else (self.antennas(),)
+        known = instruments.KNOWN.get(self.array)
+        return cl.arrays.read_clusters(self.array) if known is None else (known(),)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,9 +20,10 @@ from pydantic import (
 
 from clradar.constants import PLAUSIBLE_COATING_M, PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.dataset.plan.draws import Draw, Within, fixed, tried
-from clradar.errors import ClradarError
-from clradar.files.failures import clean, shown
+from clradar.errors import ClradarError, ModelError
+from clradar.files.failures import clean, fail, reading, regular_file_size
 from clradar.files.hashing import sha256_of
+from clradar.files.meshes.gltf_document import files_of
 from clradar.files.records import FileRecord, Number, NumberOrText, Numbers, Text, mistake
 from clradar.files.toml_file import choice_text, nearest, toml_brief
 from clradar.hand import (
@@ -36,7 +37,6 @@ from clradar.hand import (
 from clradar.hand.pose_file import pose_of
 from clradar.hand.sampler import MOST_SPREAD_DEG, SPREAD_DEG
 from clradar.hand.shape import AVERAGE, BREADTH_LIMITS_M, FACTOR_LIMITS, LENGTH_LIMITS_M
-from clradar.model import checks
 from clradar.model.known_materials import KNOWN, material
 from clradar.model.material import Material
 from clradar.model.material_file import SUFFIXES, material_of, read_materials
@@ -186,7 +186,7 @@ class RigFile(Short):
         """Read the files of a plan, so that one that is no rig is found at once."""
         if not self.sha256:
             rig, files = tried(self.read, folder_of(info)), self.files(folder_of(info))
-            digests = {name: sha256_of(path) for name, path in files.items()}
+            digests = {name: sha256_of(*files_of(path)) for name, path in files.items()}
             self.__dict__.update(digests, handedness=rig.handedness)
         return self
 
@@ -208,15 +208,12 @@ class RigFile(Short):
     def check(self, folder: Path) -> None:
         """Raise `ModelError` unless the files in a folder are those of the plan."""
         for name, path in self.files(folder).items():
-            wanted, got = getattr(self, name), "another"
-            try:
-                if sha256_of(path) == wanted:
-                    continue
-            except FileNotFoundError:
-                got = "nothing there"
-            except (OSError, ValueError) as error:
-                got = f"none that can be read: {clean(error)}"
-            checks.fail(shown(path), f"the file of the plan (SHA-256 {wanted})", got)
+            wanted = getattr(self, name)
+            expected = f"the file of the plan (SHA-256 {wanted})"
+            regular_file_size(path, expected, error=ModelError)
+            with reading(path, expected, error=ModelError):
+                if sha256_of(*files_of(path)) != wanted:
+                    fail(path, expected, "another", error=ModelError)
 
 
 class ShapeTable(FileRecord):
@@ -224,20 +221,18 @@ class ShapeTable(FileRecord):
 
     length_mm: Annotated[float, Within(*(1e3 * v for v in LENGTH_LIMITS_M))] | None = None
     breadth_mm: Annotated[float, Within(*(1e3 * v for v in BREADTH_LIMITS_M))] | None = None
-    length_m: Annotated[float, Within(*LENGTH_LIMITS_M)] | None = None
-    breadth_m: Annotated[float, Within(*BREADTH_LIMITS_M)] | None = None
+    length_m: Annotated[float, Within(*LENGTH_LIMITS_M)] = AVERAGE.length_m
+    breadth_m: Annotated[float, Within(*BREADTH_LIMITS_M)] = AVERAGE.breadth_m
     finger_lengths: tuple[Number, Number, Number, Number, Number] = AVERAGE.finger_lengths
     girth: Annotated[float, Within(*FACTOR_LIMITS)] = AVERAGE.girth
 
     @model_validator(mode="after")
     def _check(self) -> ShapeTable:
         for name in ("length", "breadth"):
-            value_m, value_mm = getattr(self, f"{name}_m"), getattr(self, f"{name}_mm")
-            if None not in (value_m, value_mm):
-                raise mistake(f"one of it and {name}_mm", "both", key=f"{name}_m")
-            if value_m is None:
-                value_m = getattr(AVERAGE, f"{name}_m") if value_mm is None else value_mm / 1e3
-            self.__dict__.update({f"{name}_m": value_m, f"{name}_mm": None})
+            if (value_mm := getattr(self, f"{name}_mm")) is not None:
+                if f"{name}_m" in self.model_fields_set:
+                    raise mistake(f"one of it and {name}_mm", "both", key=f"{name}_m")
+                self.__dict__.update({f"{name}_m": value_mm / 1e3, f"{name}_mm": None})
         tried(lambda: self.shape)
         return self
 

@@ -93,13 +93,7 @@ class Impairments(FileRecord):
     @property
     def any(self) -> bool:
         """Whether a capture changes at all."""
-        quadrature = (self.iq_gain_db, self.iq_phase_deg)
-        return (
-            any(v is not None for v in (self.snr_db, self.coupling_db, self.adc_bits))
-            or any(d.bounds() != (0.0, 0.0) for d in quadrature)
-            or self.channels is not None
-            or bool(self.walls)
-        )
+        return self != Impairments(seed=self.seed)
 
 
 def _array(value: Any, info: ValidationInfo) -> str | dict[str, Any]:

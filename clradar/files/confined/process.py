@@ -176,7 +176,6 @@ def _started() -> subprocess.Popen[bytes]:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-            pipesize=2**20,
             start_new_session=True,  # it has no Ctrl-C, and ends with its forks
         )
     except OSError as error:

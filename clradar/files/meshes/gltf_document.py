@@ -1,4 +1,4 @@
-"""The JSON of a glTF 2.0 file, which has its buffers in itself.
+"""The JSON of a glTF 2.0 file, and the buffers that it has in files beside it.
 
 Khronos Group, glTF 2.0 Specification, sections 3.3 (scenes), 3.6 (buffers) and 4 (GLB).
 """
@@ -6,12 +6,15 @@ Khronos Group, glTF 2.0 Specification, sections 3.3 (scenes), 3.6 (buffers) and 
 from __future__ import annotations
 
 import json
+import os
+import re
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
-from clradar.errors import MeshError, ModelError
+from clradar.errors import ClradarError, MeshError, ModelError
 from clradar.files import limits
-from clradar.files.failures import reading
+from clradar.files.failures import clean, fail, read_bytes, reading
 from clradar.files.json_file import parse_object
 
 EXPECTED = "a glTF 2.0 file"
@@ -23,6 +26,7 @@ _GLB_START = 20  # the header, and that of the first chunk, which is JSON
 _HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_light")
 
 _FAN = 6
+_URI = re.compile(rb'"uri"\s*:\s*("(?!data:)(?:[^"\\]|\\.)+")')
 
 
 def check_document(version: object, extensions: object) -> None:
@@ -34,14 +38,29 @@ def check_document(version: object, extensions: object) -> None:
             raise ModelError(f"extensionsRequired: expected none for the geometry, got {name}")
 
 
-def check_inside(what: str, uri: Any) -> None:
-    """Raise `ModelError` unless a buffer is in the file itself."""
-    if not str(uri).startswith("data:"):
-        raise ModelError(f"{what}: expected it in the file (export it as .glb), got {uri!r:.60}")
+def bytes_beside(path: Path, what: str, name: str, most: int, error: type[ClradarError]) -> bytes:
+    """Return the content of a regular file in the folder of `path` or below, of `most` bytes."""
+    folder = path.parent.resolve()
+    file = (folder / name).resolve()
+    if "://" in name or not file.is_relative_to(folder):
+        fail(path, f"{what} in a file beside it or below", clean(repr(name)), error=error)
+    return read_bytes(file, f"{what} of {path.name}", most, error=error)
 
 
-def for_trimesh(path: Path, content: bytes) -> bytes:
-    """Return a glTF file's content for trimesh."""
+def files_of(path: Path) -> list[Path]:
+    """Return the file of a mesh or rig, and the files that glTF names: buffers and pictures."""
+    if path.suffix.lower() not in (".glb", ".gltf"):
+        return [path]
+    content = read_bytes(path, EXPECTED, limits.MAX_MESH_BYTES, error=MeshError)
+    with reading(path, EXPECTED, error=MeshError):
+        named = (unquote(json.loads(name)) for name in _URI.findall(content))
+        # Each once, however it is spelled.
+        beside = dict.fromkeys(Path(os.path.normpath(path.parent / name)) for name in named)
+        return [path, *filter(Path.is_file, beside)]
+
+
+def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
+    """Return a glTF file's content for trimesh, and by their names the buffers in other files."""
     text, rest, binary = content, b"", content.startswith(GLB_MAGIC)
     if binary:
         end = _GLB_START + int.from_bytes(content[12:16], "little")
@@ -53,9 +72,7 @@ def for_trimesh(path: Path, content: bytes) -> bytes:
         nodes = document.get("nodes") or []
         parents, _ = parents_and_order([node.get("children") or [] for node in nodes])
         _check_meshes(document)
-        for at, buffer in enumerate(document.get("buffers") or []):
-            if at or not binary or "uri" in buffer:
-                check_inside(f"buffer {at}", buffer.get("uri"))
+        buffers = _buffers_beside(path, document.get("buffers") or [], binary=binary)
         if not document.get("scenes"):
             scene = {"nodes": [at for at, parent in enumerate(parents) if parent < 0]}
             document |= {"scene": 0, "scenes": [scene]}
@@ -64,7 +81,7 @@ def for_trimesh(path: Path, content: bytes) -> bytes:
         text = json.dumps(document).encode()
     if binary:
         text = content[:12] + len(text).to_bytes(4, "little") + content[16:_GLB_START] + text
-    return text + rest
+    return text + rest, buffers
 
 
 def parents_and_order(children: list[list[int]]) -> tuple[list[int], list[int]]:
@@ -110,3 +127,16 @@ def _check_meshes(document: dict[str, Any]) -> None:
             if got:
                 wanted = "plain lists or strips of triangles: export it so"
                 raise ModelError(f"glTF mesh: expected {wanted}, got {got}")
+
+
+def _buffers_beside(path: Path, buffers: list[Any], *, binary: bool) -> dict[str, bytes]:
+    found: dict[str, bytes] = {}
+    for at, buffer in enumerate(buffers):
+        uri = buffer.get("uri")
+        if uri is None and not (binary and at == 0):
+            raise ModelError(f"buffer {at}: expected a uri or a binary chunk, got neither")
+        if uri is None or "base64," in uri or uri in found:
+            continue
+        left = limits.MAX_MESH_BUFFERS_BYTES - sum(map(len, found.values()))
+        found[uri] = bytes_beside(path, f"buffer {at}", unquote(uri), left, MeshError)
+    return found

@@ -13,7 +13,7 @@ from typing import Any
 
 from clradar.errors import MeshError
 from clradar.files.confined import process
-from clradar.files.failures import clean, fail, reading, regular_file_size
+from clradar.files.failures import clean, fail, read_bytes, reading, regular_file_size
 from clradar.files.limits import (
     MAX_MESH_BYTES,
     MAX_MESH_FACES,
@@ -56,13 +56,14 @@ def run_confined(function: Callable[..., Any], path: Path, *arguments: Any, **op
 
 
 def _contents(path: Path) -> dict[str, Any]:
-    """Read a mesh file, in the confined process."""
+    """Read a mesh file, in the confined process; only buffers of glTF are opened for it."""
     kind, options = path.suffix.lower()[1:], dict[str, Any]()
-    content = process.file_bytes(path, EXPECTED, MAX_MESH_BYTES, error=MeshError)
+    content = read_bytes(path, EXPECTED, MAX_MESH_BYTES, error=MeshError)
     with reading(path, EXPECTED, error=MeshError):
         if kind in ("glb", "gltf"):
-            content = gltf_document.for_trimesh(path, content)
-            options = {"skip_materials": True}
+            content, buffers = gltf_document.for_trimesh(path, content)
+            options = {"resolver": buffers, "skip_materials": True}
+        process.forbid_opening()
         if kind == "obj":
             content, files = _obj_for_trimesh(path, content)
             # By default its objects and groups are merged under the first one's name.
