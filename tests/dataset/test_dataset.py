@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 import clradar
 from clradar.dataset import (
     PlanError,
+    Sample,
     TorchDataset,
     make_sample,
     open_dataset,
@@ -29,10 +30,11 @@ from clradar.dataset import (
     replay,
     run,
 )
+from clradar.dataset.contact_sheet import contact_sheet
 from clradar.dataset.folder import MANIFEST, check_dataset
 from clradar.dataset.runs import ShardMaker, estimate
 from clradar.dataset.sample import _rig, placed_hand, read_recipe, rotation
-from clradar.dataset.shards import labels_of
+from clradar.dataset.shards import arrays_of, labels_of
 from clradar.errors import ClradarError, ModelError
 from clradar.hand import JOINT_NAMES, POSES, HandShape, hand_mesh
 from clradar.jobs.outcome import silent
@@ -238,6 +240,19 @@ def test_a_shard_made_of_what_it_stored_has_the_same_bytes(made, tmp_path):
 
 
 # What sums up a data set
+
+
+@pytest.mark.parametrize("products", [["volume"], ["capture"], ["mesh", "joints"]])
+def test_every_product_is_drawn_on_contact_sheets(made, monkeypatch, products):
+    whole = read_sample(made, 2)
+    few = {name: whole.arrays[name] for name in arrays_of(products)}
+    read = "clradar.dataset.contact_sheet.read_stored"
+    monkeypatch.setattr(read, lambda *_: (Sample(whole.recipe, few), {}))
+    axes, *others = contact_sheet(made).axes
+    drawn = len(axes.images) + len(axes.lines)
+    assert (drawn, len(others)) == (5 if products == ["mesh", "joints"] else 1, 4)
+    if products == ["volume"]:  # whose outer voxels end half a step beyond their centres
+        assert axes.images[0].get_extent() == pytest.approx([-0.105, 0.105, -0.105, 0.105])
 
 
 def test_the_estimate_is_near_what_is_written(made):

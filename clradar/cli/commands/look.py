@@ -24,7 +24,7 @@ def inspect_command(
     check: bool = opt.option("Read and verify everything; exit status 1 if damaged.", False),
     as_json: bool = opt.JSON,
     png: Path | None = opt.figure(
-        "Also draw it, of a capture echoes and the level of every pair",
+        "Also draw it, of a capture echoes and the level of every pair, of a data set 64 samples",
         "--png",
         "-o",
         without="--check --json",
@@ -35,11 +35,8 @@ def inspect_command(
     from clradar.dataset.folder import check_dataset, describe_dataset, is_dataset
 
     dataset = is_dataset(file)
-    if dataset and png is not None:
-        raise MeasurementError(
-            f"{file}: expected a volume, a capture or a recording to draw, got a data set; "
-            f"clradar view {file} shows it"
-        )
+    if dataset and (given := opt.given(picture)):
+        raise opt.wrong_usage(", ".join(given), f"expected with a volume, which {file} is not")
     if check:
         with console.bar("checking") as progress:
             verify = check_dataset if dataset else measurement_io.check_file
@@ -59,7 +56,11 @@ def inspect_command(
             f"{error}; nor is it a data set, which has manifest.json and shards"
         ) from error
     console.text(json.dumps(found.to_dict(), indent=2, allow_nan=False) if as_json else str(found))
-    if png is not None:
+    if png is not None and dataset:
+        from clradar.dataset.contact_sheet import contact_sheet
+
+        out.write(png, partial(contact_sheet, file), "up to 64 of its samples")
+    elif png is not None:
         figure = img.figure_of(file, view=picture.view, plane=picture.slice)
         out.write(None if figure is None else png, figure, "the picture")
 

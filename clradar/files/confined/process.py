@@ -216,7 +216,7 @@ def serve() -> None:
             request = wire.receive(sys.stdin.buffer, MAX_FRAME_BYTES)
             with suppress(Exception):  # once, and not by every fork
                 _import_all(request)
-            if request["forks"] and (child := os.fork()):
+            if sys.platform != "win32" and request["forks"] and (child := os.fork()):
                 if os.waitpid(child, 0)[1]:  # its answer may be cut short
                     return
                 continue
