@@ -11,9 +11,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Any
 
-ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
-"""Signals that end a command; Windows has not all of them."""
-
 _heard: int | None = None
 _blocks = 0
 
@@ -25,7 +22,8 @@ def ending_signals() -> Iterator[None]:
     """
     global _heard
     _heard = None
-    numbers = [getattr(signal, name) for name in ENDING if hasattr(signal, name)]
+    names = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has not all of them
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     default = (signal.SIG_DFL, signal.default_int_handler)
     try:
         before = {n: signal.signal(n, _handle) for n in numbers if signal.getsignal(n) in default}
@@ -41,6 +39,7 @@ def ending_signals() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        exec("")  # After an interrupt in a dataclass's exec, `python -m` would end by SIGINT.
 
 
 def heard() -> bool:
