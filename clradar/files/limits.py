@@ -68,6 +68,7 @@ MAX_MESH_VERTICES = 2**24
 MAX_MESH_PARTS = 2**16  # objects, groups, primitives, with all instances
 MAX_MESH_NODES = 2**17  # nodes of a glTF scene
 MAX_MESH_DEPTH = 1000  # levels of these nodes: a chain of all of them would take trimesh minutes
+MAX_GLTF_OBJECTS = 40_000  # of the JSON of a rig: pygltflib takes seconds for so many
 MAX_GLTF_NUMBERS = 2**26
 """Numbers taken from a rig in glTF, as often as they are used: some need no bytes of it."""
 MESH_CPU_S = 10

@@ -26,6 +26,7 @@ from clradar.files.meshes.gltf_document import (
     GLB_MAGIC,
     bytes_beside,
     check_document,
+    glb_text,
     parents_and_order,
 )
 from clradar.files.records import FileRecord, checked, read_record, record_of
@@ -172,6 +173,9 @@ class _File:
 
     def __init__(self, path: Path, content: bytes) -> None:
         self._numbers_left = limits.MAX_GLTF_NUMBERS
+        text = glb_text(content) if content.startswith(GLB_MAGIC) else content
+        if (count := text.count(b"{")) > limits.MAX_GLTF_OBJECTS:
+            checks.fail("its JSON", f"at most {limits.MAX_GLTF_OBJECTS} objects", f"{count}")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # pygltflib asks for reports of what it does not know
             if content.startswith(GLB_MAGIC):

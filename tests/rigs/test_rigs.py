@@ -450,6 +450,7 @@ DOCUMENTS: list[tuple[Callable[[GLTF2], None], str]] = [
         "rotation of node 3: expected a quaternion, got zeros",
     ),
     (one_place, "'index-finger-phalanx-distal' and 'index-finger-phalanx-intermediate' at the sam"),
+    (put("extras", {"many": [{}] * 40_000}), "its JSON: expected at most 40000 objects, got 40"),
     # Counts that no byte backs.
     (both(put("accessors[1].bufferView", None), put("accessors[1].count", 3_999_999)), VERTICES),
     (both(put("accessors[1].bufferView", None), put("accessors[1].count", 2**35)), MANY),

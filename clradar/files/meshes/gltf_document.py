@@ -59,12 +59,17 @@ def files_of(path: Path) -> list[Path]:
         return [path, *filter(Path.is_file, beside)]
 
 
+def glb_text(content: bytes) -> bytes:
+    """Return the JSON of a binary glTF file, its first chunk."""
+    return content[_GLB_START : _GLB_START + int.from_bytes(content[12:16], "little")]
+
+
 def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
     """Return a glTF file's content for trimesh, and by their names the buffers in other files."""
     text, rest, binary = content, b"", content.startswith(GLB_MAGIC)
     if binary:
-        end = _GLB_START + int.from_bytes(content[12:16], "little")
-        text, rest = content[_GLB_START:end], content[end:]
+        text = glb_text(content)
+        rest = content[_GLB_START + len(text) :]
     with reading(path, EXPECTED, error=MeshError):
         document = parse_object(text.decode("utf-8-sig"))
         version = (document.get("asset") or {}).get("version")
