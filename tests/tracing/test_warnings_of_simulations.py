@@ -264,6 +264,6 @@ def test_simulations_warn_at_their_highest_frequency():
     scene = Scene.from_mesh(mesh.apply_translation([0, 0, 0.3]), alpha=0.5)
     few = {"samples_per_mm2": 0.01, "estimator": "expected", "facets": "flat"}
     high, low = Waveform.sfcw(72e9, 82e9, 4), Waveform.sfcw(5e9, 6e9, 4)
-    (remark,) = warnings_of(clradar.simulate, scene, ARRAY, high, **few)
+    _, remark = warnings_of(clradar.simulate, scene, ARRAY, high, **few)  # and of its lobes
     assert re.match("simulate: 100 % .*at 82 GHz", remark)
     assert warnings_of(clradar.simulate, scene, ARRAY, low, **few) == []
