@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from clradar.dataset.folder import read_manifest
+from clradar.dataset.folder import read_manifest, stored_sample
 from clradar.dataset.sample import Sample, read_recipe
-from clradar.dataset.shards import read_stored
 from clradar.files.failures import fail
 from clradar.hand.joints import CHAINS
 from clradar.plot.drawing import AMPLITUDE_BACKGROUND, new_figure
@@ -41,9 +40,8 @@ def contact_sheet(folder: Path) -> Figure:
     scale = f"amplitudes from {DYNAMIC_RANGE_DB:g} dB below each maximum; depths from near to far"
     figure.supxlabel(scale, fontsize=TITLE_PT, wrap=True)
     for number, sample in enumerate((stored[i] for i in at.tolist()), start=1):
-        shard = folder / manifest.place_of(sample)
         axes = figure.add_subplot(rows, columns, number)
-        _draw(axes, read_stored(shard, sample, manifest.plan)[0])
+        _draw(axes, stored_sample(folder, manifest, sample)[0])
     return figure
 
 

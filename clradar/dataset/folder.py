@@ -19,6 +19,7 @@ import numpy as np
 from pydantic import Field, SkipValidation
 
 from clradar.dataset.plan.plan import Plan, plan_from, plan_record
+from clradar.dataset.sample import Sample
 from clradar.dataset.shards import (
     Aside,
     arrays_of,
@@ -26,6 +27,7 @@ from clradar.dataset.shards import (
     opened_shard,
     place_of,
     read_array,
+    read_stored,
     samples_of,
 )
 from clradar.errors import ClradarError, quoted
@@ -124,6 +126,11 @@ def manifest_of(path: Path, content: Mapping[str, Any]) -> Manifest:
 def shard_name(number: int) -> str:
     """Return the path of a shard, relative to the folder."""
     return f"{SHARDS}/shard-{number:05d}.h5"
+
+
+def stored_sample(folder: Path, manifest: Manifest, sample: int) -> tuple[Sample, dict[str, Any]]:
+    """Return a stored sample, and the versions and the device that made it."""
+    return read_stored(folder / manifest.place_of(sample), sample, manifest.plan)
 
 
 def part_name(sample: int) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.dataset.folder import Manifest, read_manifest, shard_name
+from clradar.dataset.folder import Manifest, read_manifest, shard_name, stored_sample
 from clradar.dataset.plan.plan import plan_record
 from clradar.dataset.sample import Sample
 from clradar.dataset.shards import (
@@ -18,10 +18,10 @@ from clradar.dataset.shards import (
     MESH,
     NAMES,
     arrays_of,
+    dims_of,
     labels_of,
     opened_shard,
     place_of,
-    read_stored,
     samples_of,
 )
 from clradar.errors import ClradarError, MissingPackage
@@ -121,9 +121,8 @@ def _old_view(path: Path) -> xarray.Dataset:
     file = h5py.File(path)
     found: dict[str, Any] = {}
     for name, axis in file["entry/axes"].items():
-        dims = (name[:2], "coordinate") if name in ("tx_m", "rx_m") else (name,)
         units = {"units": axis.attrs["units"]} if "units" in axis.attrs else {}
-        found[name] = (dims, _texts(axis[:]), {"long_name": name, **units})
+        found[name] = (dims_of(name), _texts(axis[:]), {"long_name": name, **units})
     for name, field in {**ARRAYS, **LABELS}.items():
         if (place := place_of(file, name)) in file:
             data, units = file[place], {} if field.units is None else {"units": field.units}
@@ -148,8 +147,7 @@ def read_sample(folder: str | os.PathLike[str], sample: int) -> Sample:
     >>> read_sample("letters", 1).arrays["joints"].shape
     (25, 3)
     """
-    manifest = read_manifest(Path(folder))
-    return read_stored(Path(folder) / manifest.place_of(sample), sample, manifest.plan)[0]
+    return stored_sample(Path(folder), read_manifest(Path(folder)), sample)[0]
 
 
 class TorchDataset:

@@ -24,6 +24,7 @@ from clradar.dataset.folder import (
     part_name,
     read_manifest,
     shard_name,
+    stored_sample,
     write_manifest,
 )
 from clradar.dataset.plan.plan import Plan, plan_record
@@ -327,11 +328,10 @@ def replay(
     manifest, opened = read_manifest(Path(folder)), open_device(device)
     if index not in manifest.stored:
         fail(Path(folder), "a sample that is stored", f"{index}, of {manifest.plan.samples}")
-    place = manifest.place_of(index)
-    stored, then = read_stored(Path(folder) / place, index, manifest.plan)
+    stored, then = stored_sample(Path(folder), manifest, index)
     made = make_sample(stored.recipe, opened, rigs=rigs)
     changed = tuple(differences(then, made_with(opened)))
-    return Replay(made, place, tuple(_different(stored, made)), changed)
+    return Replay(made, manifest.place_of(index), tuple(_different(stored, made)), changed)
 
 
 def _different(stored: Sample, made: Sample) -> Iterator[str]:

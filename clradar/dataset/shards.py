@@ -136,8 +136,8 @@ def arrays_of(products: Sequence[str]) -> dict[str, Field]:
     }
 
 
-def axes_of(plan: Plan) -> dict[str, tuple[tuple[str, ...], Any]]:
-    """Return the coordinates that the samples of a plan share, with their axes."""
+def axes_of(plan: Plan) -> dict[str, Any]:
+    """Return the coordinates that the samples of a plan share."""
     found: dict[str, Any] = {
         "joint": JOINT_NAMES,
         "coordinate": ("x", "y", "z"),
@@ -152,10 +152,12 @@ def axes_of(plan: Plan) -> dict[str, tuple[tuple[str, ...], Any]]:
         found |= {"tx_m": array.tx_m, "rx_m": array.rx_m}
     if plan.keeps_images:
         found |= {name: getattr(plan.image.grid, name) for name in ("x_m", "y_m", "z_m")}
-    return {
-        name: ((name[:2], *_XYZ) if name in ("tx_m", "rx_m") else (name,), values)
-        for name, values in found.items()
-    }
+    return found
+
+
+def dims_of(coordinate: str) -> tuple[str, ...]:
+    """Return the axes of a coordinate: itself, but of the places of antennas."""
+    return (coordinate[:2], *_XYZ) if coordinate in ("tx_m", "rx_m") else (coordinate,)
 
 
 # Writing
@@ -224,10 +226,10 @@ class ShardWriter:
             values = given if label.dtype == "text" else np.array(given, dtype=label.dtype)
             self._write(name, label, values)
             axes[name] = ("sample", *label.axes)
-        for name, (own, values) in axes_of(self._plan).items():
+        for name, values in axes_of(self._plan).items():
             units = {"m": "m", "hz": "Hz"}.get(name.rpartition("_")[2])
             self._write(name, Field((), units, name), values)
-            axes[name] = own
+            axes[name] = dims_of(name)
         axes |= {name: ("sample", *ARRAYS[name].axes) for name in ARRAYS if name in self._file}
         for name in axes:
             if axes[name] == (name,):
@@ -304,7 +306,7 @@ def read_array(file: Any, name: str, row: int) -> Any:
     if not name.startswith(MESH):
         return file[place_of(file, name)][row]
     if file.attrs["clradar_version"] > 1:
-        return file[_mesh_place(samples_of(file)[row], name)][:]
+        return file[_mesh_place(file["sample"][row], name)][:]
     place = f"entry/mesh/{name.removeprefix(MESH)}"  # of all samples, one after the other
     first, end = file[f"{place}_first"][row : row + 2].tolist()
     return file[place][first:end]

@@ -19,9 +19,8 @@ import numpy as np
 
 import measurement_io
 from clradar.dataset import Sample
-from clradar.dataset.folder import is_dataset, read_manifest
+from clradar.dataset.folder import is_dataset, read_manifest, stored_sample
 from clradar.dataset.sample import SamplePlan, read_recipe
-from clradar.dataset.shards import read_stored
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import fail
 from clradar.files.json_file import read_json_object
@@ -339,8 +338,7 @@ class SampleFrames(Source):
         self._there = {n: self._there.get(n, (f"sample {n}", now_s)) for n in stored}
 
     def _sample_of(self, frame: int) -> Sample:
-        shard = self._folder / self._manifest.place_of(frame)
-        return read_stored(shard, frame, self._manifest.plan)[0]
+        return stored_sample(self._folder, self._manifest, frame)[0]
 
 
 def _recipe_lines(drawn: SamplePlan) -> tuple[str, ...]:

@@ -246,7 +246,7 @@ def test_a_shard_made_of_what_it_stored_has_the_same_bytes(made, tmp_path):
 def test_every_product_is_drawn_on_contact_sheets(made, monkeypatch, products):
     whole = read_sample(made, 2)
     few = {name: whole.arrays[name] for name in arrays_of(products)}
-    read = "clradar.dataset.contact_sheet.read_stored"
+    read = "clradar.dataset.contact_sheet.stored_sample"
     monkeypatch.setattr(read, lambda *_: (Sample(whole.recipe, few), {}))
     axes, *others = contact_sheet(made).axes
     drawn = len(axes.images) + len(axes.lines)

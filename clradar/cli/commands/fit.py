@@ -15,6 +15,8 @@ from clradar.errors import ClradarWarning
 from clradar.jobs import open_devices
 from clradar.model import checks
 
+DOUBTS = "\nDoubtful: "  # where they begin in a report; of each there is a warning
+
 
 def align_command(
     *,
@@ -68,7 +70,7 @@ def align_command(
                 volumes[0], scene, correct_bias=not quick, device=opened, progress=progress,
                 **settings, **instrument,
             )  # fmt: skip
-    console.text(result.report().partition("\nDoubtful: ")[0])  # of which there are warnings
+    console.text(result.report().partition(DOUBTS)[0])
     text = "the transform, its covariance and this report"
     out.write(output, result.to_dict(), text, grid=opt.grid_text(volumes[0].grid))
 
@@ -134,7 +136,7 @@ def register_command(
     with out.whole_folder(output, REGISTERED) as made:
         out.write(made / TRANSFORM, {**result.alignment.to_dict(), "rounds": rounds}, **more)
         img.write_simulation(made, measured, simulated, compared, metrics, **more)
-    console.text(result.alignment.report().partition("\nDoubtful: ")[0])
+    console.text(result.alignment.report().partition(DOUBTS)[0])
     moved_mm = 1e3 * result.rounds[-1].moved_m
     console.line(
         f"{console.counted(len(result.rounds), 'round')}, the last moved it by {moved_mm:.2f} mm"
@@ -190,7 +192,7 @@ def fit_hand_command(
         fit = calibration.fit_hand(found.volume, **settings)
     with out.whole_folder(output, FITTED) as made:
         write_hand_fit(made, found, fit, fitting.seed, opened)
-    console.text(fit.report().partition("\nDoubtful: ")[0])
+    console.text(fit.report().partition(DOUBTS)[0])
     console.line(f"{output}: {', '.join(FITTED)}")
 
 
